@@ -1,0 +1,300 @@
+//! Points, directions, normals, frames, bounds, affine maps. Knows nothing of anything else.
+//!
+//! # Spaces
+//! * **grid**: continuous voxel index, (0, 0, 0) at the centre of the first sample.
+//! * **world**: the file's physical frame and units, reached through an affine `world_from_grid`.
+//!   Anisotropic, oblique and left-handed affines are legal. NIfTI world is RAS+.
+//! * **glTF**: Y-up, right-handed; [`Up::gltf_from_world`] is the one place of that rotation.
+//!   Environments live in this frame too.
+//!
+//! A variable's name carries its space (`hit_in_world`); a map's name carries both
+//! (`world_from_grid`), so that in a product of maps the inner names meet.
+//!
+//! A gradient is a covector: it transforms by the inverse transpose
+//! ([`Affine::normal_from_gradient`]).
+
+use glam::{DMat3, DVec3, Mat3, Vec3};
+
+/// An invertible affine map of 3-space, stored with its inverse.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Affine {
+    // Invariant: finite, determinant not 0, `inverse` is the inverse of `linear`.
+    linear: DMat3,
+    inverse: DMat3,
+    offset: DVec3,
+}
+
+impl Affine {
+    /// The identity.
+    pub const IDENTITY: Self = Self { linear: DMat3::IDENTITY, inverse: DMat3::IDENTITY, offset: DVec3::ZERO };
+
+    /// The map p → `linear` p + `offset`; `None` if it is not finite or not invertible
+    /// (relative to the product of its column lengths, so that any unit is fine).
+    pub fn new(linear: DMat3, offset: DVec3) -> Option<Self> {
+        let volume = linear.x_axis.length() * linear.y_axis.length() * linear.z_axis.length();
+        let inverse = linear.inverse();
+        let usable = linear.is_finite()
+            && offset.is_finite()
+            && inverse.is_finite()
+            && volume > 0.0
+            && linear.determinant().abs() > 1e-12 * volume;
+        usable.then_some(Self { linear, inverse, offset })
+    }
+
+    /// Scaling by `spacing` along each axis, then translation to `origin`.
+    pub fn from_spacing(spacing: DVec3, origin: DVec3) -> Option<Self> {
+        Self::new(DMat3::from_diagonal(spacing), origin)
+    }
+
+    /// Image of a point.
+    pub fn point(&self, p: DVec3) -> DVec3 {
+        self.linear * p + self.offset
+    }
+
+    /// Image of a displacement.
+    pub fn vector(&self, v: DVec3) -> DVec3 {
+        self.linear * v
+    }
+
+    /// The inverse map.
+    pub fn inverse(&self) -> Self {
+        Self { linear: self.inverse, inverse: self.linear, offset: -(self.inverse * self.offset) }
+    }
+
+    /// The linear part.
+    pub fn linear(&self) -> DMat3 {
+        self.linear
+    }
+
+    /// The image of the origin.
+    pub fn offset(&self) -> DVec3 {
+        self.offset
+    }
+
+    /// Length of the image of each unit step: the voxel spacing for `world_from_grid`.
+    pub fn spacing(&self) -> DVec3 {
+        DVec3::new(self.linear.x_axis.length(), self.linear.y_axis.length(), self.linear.z_axis.length())
+    }
+
+    /// Whether the map turns a right-handed frame into a left-handed one.
+    pub fn is_left_handed(&self) -> bool {
+        self.linear.determinant() < 0.0
+    }
+
+    /// The matrix that takes gradients (covectors) through this map: the inverse transpose.
+    pub fn gradient_matrix(&self) -> Mat3 {
+        self.inverse.transpose().as_mat3()
+    }
+}
+
+/// A unit vector: where light comes from or goes to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Direction(Vec3); // Invariant: length 1 within rounding.
+
+impl Direction {
+    /// Normalises `v`; `None` for zero, subnormal-short or non-finite vectors. Any magnitude
+    /// works: the vector is scaled by its largest component first.
+    pub fn new(v: Vec3) -> Option<Self> {
+        let largest = v.abs().max_element();
+        if !(largest.is_finite() && largest > f32::MIN_POSITIVE) {
+            return None;
+        }
+        let scaled = v / largest;
+        Some(Self(scaled / scaled.length()))
+    }
+
+    /// Wraps a vector that is unit by construction.
+    pub fn from_unit(v: Vec3) -> Self {
+        debug_assert!((v.length_squared() - 1.0).abs() < 1e-4, "not a unit vector: {v}");
+        Self(v)
+    }
+
+    /// The vector.
+    pub fn vec(self) -> Vec3 {
+        self.0
+    }
+}
+
+/// A unit surface normal. A normal comes from a gradient (a covector), never from a displacement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Normal(Vec3); // Invariant: length 1 within rounding.
+
+impl Normal {
+    /// The normal that points *down* a gradient given in world coordinates, n = −g/‖g‖;
+    /// `None` where the gradient vanishes.
+    pub fn down_gradient(gradient_in_world: Vec3) -> Option<Self> {
+        Direction::new(-gradient_in_world).map(|d| Self(d.0))
+    }
+
+    /// The vector.
+    pub fn vec(self) -> Vec3 {
+        self.0
+    }
+}
+
+/// A right-handed orthonormal frame around a unit vector, without branches on its direction
+/// except the sign of z (Duff et al. 2017, "Building an Orthonormal Basis, Revisited", JCGT 6(1)).
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    /// First tangent.
+    pub tangent: Vec3,
+    /// Second tangent.
+    pub bitangent: Vec3,
+    /// The unit vector itself.
+    pub normal: Vec3,
+}
+
+impl Frame {
+    /// The frame around `normal`.
+    pub fn around(normal: Normal) -> Self {
+        let n = normal.vec();
+        let sign = if n.z < 0.0 { -1.0 } else { 1.0 };
+        let a = -1.0 / (sign + n.z);
+        let b = n.x * n.y * a;
+        Self {
+            tangent: Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x),
+            bitangent: Vec3::new(b, sign + n.y * n.y * a, -n.y),
+            normal: n,
+        }
+    }
+
+    /// Local coordinates (tangent, bitangent, normal) to the space of the frame.
+    pub fn from_local(&self, v: Vec3) -> Vec3 {
+        self.tangent * v.x + self.bitangent * v.y + self.normal * v.z
+    }
+}
+
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Smallest corner.
+    pub min: DVec3,
+    /// Largest corner.
+    pub max: DVec3,
+}
+
+impl Bounds {
+    /// The box that contains nothing.
+    pub const EMPTY: Self = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
+
+    /// The smallest box around this one and `p`.
+    #[must_use]
+    pub fn including(self, p: DVec3) -> Self {
+        Self { min: self.min.min(p), max: self.max.max(p) }
+    }
+
+    /// Centre of the box.
+    pub fn centre(&self) -> DVec3 {
+        0.5 * (self.min + self.max)
+    }
+
+    /// Side lengths.
+    pub fn size(&self) -> DVec3 {
+        self.max - self.min
+    }
+}
+
+/// The world axis that points up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Up {
+    /// +x
+    X,
+    /// +y
+    Y,
+    /// +z, the default: scientific data.
+    #[default]
+    Z,
+    /// −x
+    NegX,
+    /// −y
+    NegY,
+    /// −z
+    NegZ,
+}
+
+impl Up {
+    /// The rotation from world axes to the Y-up, right-handed frame of glTF and of environments.
+    /// For z it is (x, y, z) → (x, z, −y); for the other axes the rotation by a quarter or half
+    /// turn that takes the axis to +Y.
+    pub fn gltf_from_world(self) -> DMat3 {
+        // Rows written as the images of (x, y, z); `from_cols` takes the transpose.
+        let rows = match self {
+            Self::X => [[0., -1., 0.], [1., 0., 0.], [0., 0., 1.]],
+            Self::Y => [[1., 0., 0.], [0., 1., 0.], [0., 0., 1.]],
+            Self::Z => [[1., 0., 0.], [0., 0., 1.], [0., -1., 0.]],
+            Self::NegX => [[0., 1., 0.], [-1., 0., 0.], [0., 0., 1.]],
+            Self::NegY => [[1., 0., 0.], [0., -1., 0.], [0., 0., -1.]],
+            Self::NegZ => [[1., 0., 0.], [0., 0., -1.], [0., 1., 0.]],
+        };
+        DMat3::from_cols_array_2d(&rows).transpose()
+    }
+
+    /// The axis itself.
+    pub fn axis(self) -> DVec3 {
+        self.gltf_from_world().transpose() * DVec3::Y
+    }
+
+    /// The name used on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::X => "x",
+            Self::Y => "y",
+            Self::Z => "z",
+            Self::NegX => "-x",
+            Self::NegY => "-y",
+            Self::NegZ => "-z",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn up_rotations_are_proper_and_take_the_axis_to_y() {
+        let all = [
+            (Up::X, DVec3::X),
+            (Up::Y, DVec3::Y),
+            (Up::Z, DVec3::Z),
+            (Up::NegX, -DVec3::X),
+            (Up::NegY, -DVec3::Y),
+            (Up::NegZ, -DVec3::Z),
+        ];
+        for (up, axis) in all {
+            let r = up.gltf_from_world();
+            assert_eq!(r.determinant(), 1.0);
+            assert_eq!(r * axis, DVec3::Y, "{up:?}");
+            assert_eq!(up.axis(), axis);
+        }
+        assert_eq!(Up::Z.gltf_from_world() * DVec3::new(1., 2., 3.), DVec3::new(1., 3., -2.));
+    }
+
+    #[test]
+    fn a_normal_stays_orthogonal_to_the_surface_under_anisotropic_maps() {
+        // The plane x + y = 0 in grid space holds the displacements (1, −1, 0) and (0, 0, 1).
+        let map = Affine::new(
+            DMat3::from_cols(DVec3::new(1., 0.2, 0.), DVec3::new(0., 100., 3.), DVec3::new(-0.5, 0., -7.)),
+            DVec3::splat(1e6),
+        )
+        .unwrap();
+        let normal = Normal::down_gradient(map.gradient_matrix() * Vec3::new(1., 1., 0.)).unwrap();
+        for displacement in [DVec3::new(1., -1., 0.), DVec3::Z] {
+            let in_world = map.vector(displacement).normalize();
+            assert!(in_world.dot(normal.vec().as_dvec3()).abs() < 1e-6);
+        }
+        assert!(map.is_left_handed());
+        assert!((map.inverse().point(map.point(DVec3::ONE)) - DVec3::ONE).length() < 1e-8);
+    }
+
+    #[test]
+    fn frames_are_orthonormal_and_right_handed() {
+        for v in [Vec3::Z, -Vec3::Z, Vec3::X, -Vec3::Y, Vec3::new(1., 2., -3.), Vec3::new(1e-20, -1e-20, -1e-20)] {
+            let f = Frame::around(Normal::down_gradient(-v).unwrap());
+            assert!((f.tangent.cross(f.bitangent) - f.normal).length() < 1e-6);
+            assert!(f.tangent.dot(f.normal).abs() < 1e-6);
+        }
+        assert!(Normal::down_gradient(Vec3::ZERO).is_none());
+        assert!(Direction::new(Vec3::splat(f32::NAN)).is_none());
+    }
+}

@@ -1,0 +1,250 @@
+//! Transfer textures: the lattice of texels, the layout of coefficients, bricks, lookup, and
+//! the store on disk. Knows nothing of how transfer was computed, and nothing of probes.
+//!
+//! # Texture lattice
+//! Texel i of M along an axis with N samples sits at grid position i·(N−1)/(M−1);
+//! M = max(2, round((N−1)·ratio)+1), and M = 1 if N = 1. Ratio 1 is the data lattice.
+//!
+//! # Layers and coefficients
+//! T_k is the grey, albedo-free transfer of light that was reflected k times on its way:
+//! exitant radiance is L_o = Σ_k ρ^(k+1) ⟨T_k, L⟩. Layer k holds bands² coefficients in the
+//! order of [`crate::sh`], in world axes; a texel's vector is layer-major, coefficient fastest.
+//!
+//! # Bricks and chunks
+//! A [`Brick`] is 8³ texels, the unit of work, of reading and of contraction; a chunk is 4³
+//! bricks = 32³ texels, the unit of writing. Inside a brick x runs fastest. Bricks at the far
+//! edges are full size; texels beyond the lattice are never read.
+//!
+//! A texel that was not baked holds NaN in all coefficients, one without a usable normal holds 0.
+
+use crate::error::{Error, Result};
+use half::f16;
+
+/// Texels along the side of a brick.
+pub const BRICK: usize = 8;
+/// Texels in a brick.
+pub const BRICK_TEXELS: usize = BRICK * BRICK * BRICK;
+/// Texels along the side of a chunk.
+pub const CHUNK: usize = 32;
+/// Most layers a texture may have.
+pub const MAX_LAYERS: usize = 16;
+
+/// Flags of a texel's validity byte.
+pub mod validity {
+    /// The texel has a level set with a usable normal.
+    pub const VALID: u8 = 1;
+    /// Its isovalue was moved inward, away from a local extreme of the data.
+    pub const CLAMPED: u8 = 2;
+    /// Its transfer was filled from neighbours.
+    pub const FILLED: u8 = 4;
+}
+
+/// Where the texels of a texture sit in the grid of a volume.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Lattice {
+    grid: [usize; 3],
+    texels: [usize; 3],
+}
+
+impl Lattice {
+    /// The lattice with `ratio` texels to a sample.
+    ///
+    /// # Errors
+    /// When the ratio is not a positive finite number or asks for more than 2³² texels on an axis.
+    pub fn from_ratio(grid: [usize; 3], ratio: f64) -> Result<Self> {
+        if !(ratio.is_finite() && ratio > 0.0 && ratio <= 1024.0) {
+            return Err(Error::argument("texture", ratio, "a ratio in (0, 1024]", "1 is the resolution of the data"));
+        }
+        let axis = |n: usize| if n == 1 { 1 } else { (((n - 1) as f64 * ratio).round() as usize + 1).max(2) };
+        Ok(Self { grid, texels: grid.map(axis) })
+    }
+
+    /// The lattice with the given number of texels along each axis.
+    ///
+    /// # Errors
+    /// When an axis has fewer than 2 texels while the grid has 2 samples or more, or not 1 where
+    /// the grid has 1.
+    pub fn from_texels(grid: [usize; 3], texels: [usize; 3]) -> Result<Self> {
+        for a in 0..3 {
+            if (grid[a] == 1 && texels[a] != 1) || (grid[a] > 1 && texels[a] < 2) {
+                return Err(Error::argument(
+                    "texture",
+                    format!("{}x{}x{}", texels[0], texels[1], texels[2]),
+                    "at least 2 texels along each axis of the data, 1 where the data has 1",
+                    "give a larger resolution or a ratio such as 0.5",
+                ));
+            }
+        }
+        Ok(Self { grid, texels })
+    }
+
+    /// Samples of the volume along each axis.
+    pub fn grid(&self) -> [usize; 3] {
+        self.grid
+    }
+
+    /// Texels along each axis.
+    pub fn texels(&self) -> [usize; 3] {
+        self.texels
+    }
+
+    /// Bricks along each axis.
+    pub fn bricks(&self) -> [usize; 3] {
+        self.texels.map(|m| m.div_ceil(BRICK))
+    }
+
+    /// Chunks along each axis.
+    pub fn chunks(&self) -> [usize; 3] {
+        self.texels.map(|m| m.div_ceil(CHUNK))
+    }
+
+    /// Samples from one texel to the next along `axis`.
+    pub fn step(&self, axis: usize) -> f64 {
+        let (n, m) = (self.grid[axis], self.texels[axis]);
+        if m < 2 { 1.0 } else { (n - 1) as f64 / (m - 1) as f64 }
+    }
+
+    /// Grid position of a texel.
+    pub fn grid_from_texel(&self, texel: [usize; 3]) -> [f64; 3] {
+        std::array::from_fn(|a| texel[a] as f64 * self.step(a))
+    }
+}
+
+/// Number of bands of each layer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layers {
+    bands: Vec<usize>, // Invariant: 1…MAX_LAYERS entries, each in 1…sh::MAX_BANDS.
+}
+
+impl Layers {
+    /// Layers with the given bands each.
+    ///
+    /// # Errors
+    /// When there is no layer or more than [`MAX_LAYERS`], or a band count outside 1…11.
+    pub fn new(bands: Vec<usize>) -> Result<Self> {
+        let legal =
+            (1..=MAX_LAYERS).contains(&bands.len()) && bands.iter().all(|b| (1..=crate::sh::MAX_BANDS).contains(b));
+        if legal {
+            Ok(Self { bands })
+        } else {
+            Err(Error::argument(
+                "bands",
+                format!("{bands:?}"),
+                "1 to 16 layers of 1 to 11 bands each",
+                "use --layers 4 --bands 5, or one band count for each layer as in --bands 5,4,3,3",
+            ))
+        }
+    }
+
+    /// `layers` layers of `bands` bands.
+    ///
+    /// # Errors
+    /// As [`Layers::new`].
+    pub fn uniform(layers: usize, bands: usize) -> Result<Self> {
+        Self::new(vec![bands; layers.min(MAX_LAYERS + 1)])
+    }
+
+    /// Bands of each layer.
+    pub fn bands(&self) -> &[usize] {
+        &self.bands
+    }
+
+    /// Number of stored layers.
+    pub fn len(&self) -> usize {
+        self.bands.len()
+    }
+
+    /// Never true: there is always a layer.
+    pub fn is_empty(&self) -> bool {
+        false
+    }
+
+    /// Most bands of any layer.
+    pub fn max_bands(&self) -> usize {
+        self.bands.iter().copied().max().unwrap_or(1)
+    }
+
+    /// Coefficients of one texel: Σ bands².
+    pub fn coefficients(&self) -> usize {
+        self.bands.iter().map(|b| b * b).sum()
+    }
+
+    /// Entries of the standard error of one texel: Σ bands, one a layer and band.
+    pub fn errors(&self) -> usize {
+        self.bands.iter().sum()
+    }
+
+    /// Where layer `k` starts in a texel's coefficients.
+    pub fn offset(&self, k: usize) -> usize {
+        self.bands[..k].iter().map(|b| b * b).sum()
+    }
+
+    /// Where layer `k` starts in a texel's standard errors.
+    pub fn error_offset(&self, k: usize) -> usize {
+        self.bands[..k].iter().sum()
+    }
+}
+
+/// What a texture consists of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// Where the texels sit.
+    pub lattice: Lattice,
+    /// What each texel holds.
+    pub layers: Layers,
+}
+
+/// The texels of one brick.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Brick {
+    /// 512 × coefficients, coefficient fastest, x next.
+    pub transfer: Vec<f16>,
+    /// 512 × errors: standard error of each layer and band, root mean square over the orders.
+    pub stderr: Vec<f16>,
+    /// 512 flags, see [`validity`].
+    pub validity: Vec<u8>,
+    /// 512 counts: paths traced for the texel.
+    pub rays: Vec<u32>,
+}
+
+impl Brick {
+    /// A brick in which nothing is baked.
+    pub fn unbaked(layers: &Layers) -> Self {
+        Self {
+            transfer: vec![f16::NAN; BRICK_TEXELS * layers.coefficients()],
+            stderr: vec![f16::NAN; BRICK_TEXELS * layers.errors()],
+            validity: vec![0; BRICK_TEXELS],
+            rays: vec![0; BRICK_TEXELS],
+        }
+    }
+
+    /// A borrowed view.
+    pub fn view(&self) -> BrickView<'_> {
+        BrickView { transfer: &self.transfer, stderr: &self.stderr, validity: &self.validity, rays: &self.rays }
+    }
+}
+
+/// A brick that lives in memory or in a mapped file.
+#[derive(Clone, Copy, Debug)]
+pub struct BrickView<'a> {
+    /// As [`Brick::transfer`].
+    pub transfer: &'a [f16],
+    /// As [`Brick::stderr`].
+    pub stderr: &'a [f16],
+    /// As [`Brick::validity`].
+    pub validity: &'a [u8],
+    /// As [`Brick::rays`].
+    pub rays: &'a [u32],
+}
+
+/// Anything that can hand out the bricks of a transfer texture.
+pub trait BrickSource: Sync {
+    /// Lattice and layers.
+    fn layout(&self) -> &Layout;
+
+    /// The brick at a brick index (x, y, z); `None` where nothing is baked.
+    ///
+    /// # Errors
+    /// When the storage behind it is damaged or cannot be read.
+    fn brick(&self, index: [usize; 3]) -> Result<Option<BrickView<'_>>>;
+}

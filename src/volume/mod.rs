@@ -1,0 +1,297 @@
+//! Scalar volumes: the grid, the samples in their native type, analytic fields, and readers.
+//! Knows nothing of light and of rays.
+//!
+//! # Conventions
+//! * h is a scalar field on a regular grid, vertex-centred, trilinear between samples.
+//! * Sample (i, j, k) has index `i + nx·(j + ny·k)`: x runs fastest. Its grid position is
+//!   (i, j, k), its world position `world_from_grid · (i, j, k)`.
+//! * A stored sample is *raw*; the file's physical value is `slope·raw + inter`. Isovalues on the
+//!   command line, colormaps and reports are in the file's values. Solid is {h > c} for
+//!   [`Solid::Above`] and {h < c} for [`Solid::Below`]; light lives on the other side. Inside the
+//!   level-set code the sign is carried by [`Volume::solid_sign`]: with c_raw =
+//!   [`Volume::raw_from_value`]`(c)`, a point is solid where `solid_sign·(raw − c_raw) > 0`.
+//! * Samples are finite: readers replace NaN and infinities and say so in a [`Note`].
+
+use crate::error::{Error, Result};
+use crate::geom::{Affine, Bounds, Up};
+use glam::DVec3;
+
+/// Which side of the level set is matter.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Solid {
+    /// {h > c} is solid, light lives in {h ≤ c}. The default.
+    #[default]
+    Above,
+    /// {h < c} is solid.
+    Below,
+}
+
+/// The samples of a volume in their native type, x fastest. Floating samples are finite.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Samples {
+    /// 8-bit unsigned.
+    U8(Vec<u8>),
+    /// 8-bit signed.
+    I8(Vec<i8>),
+    /// 16-bit unsigned.
+    U16(Vec<u16>),
+    /// 16-bit signed.
+    I16(Vec<i16>),
+    /// 32-bit floating point.
+    F32(Vec<f32>),
+}
+
+/// Runs `$body` with `$s` bound to the slice of samples, whatever its type.
+macro_rules! with_samples {
+    ($samples:expr, $s:ident => $body:expr) => {
+        match $samples {
+            $crate::volume::Samples::U8($s) => $body,
+            $crate::volume::Samples::I8($s) => $body,
+            $crate::volume::Samples::U16($s) => $body,
+            $crate::volume::Samples::I16($s) => $body,
+            $crate::volume::Samples::F32($s) => $body,
+        }
+    };
+}
+pub(crate) use with_samples;
+
+/// A sample type that a volume can hold.
+pub trait Sample: Copy + Send + Sync + 'static {
+    /// The sample as a number; exact for every type held.
+    fn raw(self) -> f32;
+}
+
+macro_rules! sample {
+    ($($t:ty),*) => {$(impl Sample for $t {
+        #[inline(always)]
+        fn raw(self) -> f32 { self as f32 }
+    })*};
+}
+sample!(u8, i8, u16, i16, f32);
+
+impl Samples {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        with_samples!(self, s => s.len())
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The raw sample at a linear index.
+    pub fn raw(&self, index: usize) -> f32 {
+        with_samples!(self, s => s[index].raw())
+    }
+
+    /// The name of the type as NumPy writes it: "uint8", "int8", "uint16", "int16", "float32".
+    pub fn type_name(&self) -> &'static str {
+        match self {
+            Self::U8(_) => "uint8",
+            Self::I8(_) => "int8",
+            Self::U16(_) => "uint16",
+            Self::I16(_) => "int16",
+            Self::F32(_) => "float32",
+        }
+    }
+
+    /// Smallest and largest raw sample; (0, 0) when empty.
+    pub fn raw_range(&self) -> (f32, f32) {
+        fn range<T: Sample>(samples: &[T]) -> (f32, f32) {
+            let start = samples.first().map_or(0.0, |s| s.raw());
+            samples.iter().fold((start, start), |(lo, hi), s| (lo.min(s.raw()), hi.max(s.raw())))
+        }
+        with_samples!(self, s => range(s))
+    }
+
+    /// The samples as bytes in native (little-endian on every supported machine) order.
+    pub fn bytes(&self) -> &[u8] {
+        with_samples!(self, s => bytemuck::cast_slice(s))
+    }
+}
+
+/// The physical unit of world coordinates.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum LengthUnit {
+    /// The file does not say.
+    #[default]
+    Unknown,
+    /// The file says; how many metres one world unit is.
+    Metres(f64),
+}
+
+/// Something a reader noticed and did that the user should know.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Note {
+    /// What was found and what was done about it, a sentence without a full stop.
+    pub text: String,
+    /// How many samples (or header fields) it concerns.
+    pub count: u64,
+}
+
+/// A scalar volume.
+#[derive(Clone, Debug)]
+pub struct Volume {
+    // Invariants: dims.product() == samples.len() > 0; float samples finite; slope finite, not 0.
+    dims: [usize; 3],
+    samples: Samples,
+    slope: f64,
+    inter: f64,
+    world_from_grid: Affine,
+    raw_range: (f32, f32),
+    /// A short name for reports and stores, such as the file's stem.
+    pub name: String,
+    /// Unit of world coordinates.
+    pub unit: LengthUnit,
+    /// The world axis that points up.
+    pub up: Up,
+    /// Which side is matter.
+    pub solid: Solid,
+    /// What the reader noticed.
+    pub notes: Vec<Note>,
+}
+
+impl Volume {
+    /// A volume from its parts; slope 1, inter 0, unit unknown, up z, solid above.
+    ///
+    /// # Errors
+    /// When the number of samples is not the product of `dims`, is 0, or a sample is not finite.
+    pub fn new(dims: [usize; 3], samples: Samples, world_from_grid: Affine) -> Result<Self> {
+        let count = dims.iter().try_fold(1usize, |n, &d| n.checked_mul(d)).unwrap_or(0);
+        if count == 0 || count != samples.len() {
+            return Err(Error::argument(
+                "volume",
+                format!("{} samples for {}×{}×{}", samples.len(), dims[0], dims[1], dims[2]),
+                "one sample for each grid point, at least one",
+                "check the dimensions",
+            ));
+        }
+        if let Samples::F32(s) = &samples
+            && let Some(bad) = s.iter().position(|v| !v.is_finite())
+        {
+            return Err(Error::argument(
+                "volume",
+                format!("a sample that is not finite at index {bad}"),
+                "finite samples",
+                "replace NaN and infinities first; the file readers do so and report it",
+            ));
+        }
+        let raw_range = samples.raw_range();
+        Ok(Self {
+            dims,
+            samples,
+            slope: 1.0,
+            inter: 0.0,
+            world_from_grid,
+            raw_range,
+            name: "volume".into(),
+            unit: LengthUnit::Unknown,
+            up: Up::Z,
+            solid: Solid::Above,
+            notes: Vec::new(),
+        })
+    }
+
+    /// The same volume with the decoding `value = slope·raw + inter`.
+    ///
+    /// # Errors
+    /// When the slope is 0 or either is not finite.
+    pub fn with_scaling(mut self, slope: f64, inter: f64) -> Result<Self> {
+        if !(slope.is_finite() && inter.is_finite() && slope != 0.0) {
+            return Err(Error::argument(
+                "scaling",
+                format!("slope {slope}, intercept {inter}"),
+                "finite numbers and a slope that is not 0",
+                "correct the header of the file",
+            ));
+        }
+        (self.slope, self.inter) = (slope, inter);
+        Ok(self)
+    }
+
+    /// Grid points along x, y, z.
+    pub fn dims(&self) -> [usize; 3] {
+        self.dims
+    }
+
+    /// The samples.
+    pub fn samples(&self) -> &Samples {
+        &self.samples
+    }
+
+    /// Factor from raw samples to values.
+    pub fn slope(&self) -> f64 {
+        self.slope
+    }
+
+    /// Offset from raw samples to values.
+    pub fn inter(&self) -> f64 {
+        self.inter
+    }
+
+    /// Grid to world.
+    pub fn world_from_grid(&self) -> &Affine {
+        &self.world_from_grid
+    }
+
+    /// Smallest and largest raw sample.
+    pub fn raw_range(&self) -> (f32, f32) {
+        self.raw_range
+    }
+
+    /// Smallest and largest value, ascending.
+    pub fn value_range(&self) -> (f64, f64) {
+        let a = self.value_from_raw(f64::from(self.raw_range.0));
+        let b = self.value_from_raw(f64::from(self.raw_range.1));
+        (a.min(b), a.max(b))
+    }
+
+    /// The file's value of a raw sample.
+    pub fn value_from_raw(&self, raw: f64) -> f64 {
+        self.slope * raw + self.inter
+    }
+
+    /// The raw sample (not rounded) of a value of the file.
+    pub fn raw_from_value(&self, value: f64) -> f64 {
+        (value - self.inter) / self.slope
+    }
+
+    /// +1 where larger *raw* samples are solid, −1 where smaller ones are.
+    pub fn solid_sign(&self) -> f32 {
+        let above = self.solid == Solid::Above;
+        if above == (self.slope > 0.0) { 1.0 } else { -1.0 }
+    }
+
+    /// Linear index of a grid point.
+    pub fn index(&self, x: usize, y: usize, z: usize) -> usize {
+        debug_assert!(x < self.dims[0] && y < self.dims[1] && z < self.dims[2]);
+        x + self.dims[0] * (y + self.dims[1] * z)
+    }
+
+    /// The box of the grid in world coordinates (of its eight corners).
+    pub fn world_bounds(&self) -> Bounds {
+        let last = DVec3::new((self.dims[0] - 1) as f64, (self.dims[1] - 1) as f64, (self.dims[2] - 1) as f64);
+        (0..8).fold(Bounds::EMPTY, |bounds, corner| {
+            let pick = DVec3::new((corner & 1) as f64, (corner >> 1 & 1) as f64, (corner >> 2) as f64);
+            bounds.including(self.world_from_grid.point(last * pick))
+        })
+    }
+
+    /// BLAKE3 of everything that decides what light does: dimensions, type, samples, scaling,
+    /// affine. Not of the name, the unit, or the notes.
+    pub fn content_hash(&self) -> String {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(self.samples.type_name().as_bytes());
+        for d in self.dims {
+            hasher.update(&(d as u64).to_le_bytes());
+        }
+        let linear = self.world_from_grid.linear().to_cols_array();
+        let offset = self.world_from_grid.offset().to_array();
+        for v in linear.iter().chain(&offset).chain(&[self.slope, self.inter]) {
+            hasher.update(&v.to_le_bytes());
+        }
+        hasher.update(self.samples.bytes());
+        hasher.finalize().to_hex().to_string()
+    }
+}
