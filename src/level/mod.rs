@@ -1,1 +1,145 @@
-//! (in work)
+//! Level sets of a trilinear field: rays that carry an isovalue for life, the pyramid they march,
+//! the root in a cell, B-spline normals, and where a texel's level set starts. Knows nothing of
+//! light, of SH and of random numbers.
+//!
+//! # The ray/level-set rule (sign carry, no epsilon)
+//! Along a ray the tracer follows f = s·(raw − c), positive in the solid, with a state: *start*
+//! (on the surface, not yet moved), *out* (lit side) or *in* (solid). Only a change from out to
+//! in is a hit; an entry value above 0 while *out* is a hit at that cell face. A ray that starts on
+//! its own level set has f(start) = 0 by definition, and that root is divided out of the cubic
+//! ([`cell::deflate`]), so the ray can neither hit its start nor miss what lies right behind it.
+//! Rays whose start points into the solid (smoothed normal against trilinear facet) may leave it
+//! within [`trace::MAX_BURIED_CELLS`] cell exits; otherwise they are *lost*.
+//!
+//! # Numbers
+//! All arithmetic is `f32` on raw samples, homogeneous in f: scaling the field by a power of two
+//! changes no bit of a hit (as long as nothing is subnormal). Positions are a cell and a local
+//! coordinate in [0, 1]³, so that precision does not fall with the size of the grid.
+
+pub mod cell;
+mod gradient;
+mod pyramid;
+mod texel;
+pub mod trace;
+
+#[cfg(test)]
+mod tests;
+
+pub use pyramid::{LEVEL_SHIFTS, Pyramid};
+pub use texel::Site;
+pub use trace::{Counts, Hit, Outcome, Start};
+
+use crate::geom::Normal;
+use crate::volume::{Sample, Volume};
+use glam::{IVec3, Mat3, Vec3};
+
+/// A point of the grid as a cell and a position inside it.
+///
+/// The cell is the index of its lowest corner, 0 ≤ cell ≤ N−2; the local position is in [0, 1]³.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CellPoint {
+    /// Lowest corner of the cell.
+    pub cell: IVec3,
+    /// Position inside the cell, 0 at the lowest corner, 1 at the highest.
+    pub local: Vec3,
+}
+
+impl CellPoint {
+    /// Grid position.
+    pub fn in_grid(&self) -> Vec3 {
+        self.cell.as_vec3() + self.local
+    }
+}
+
+/// The field of a volume, ready for rays: samples in their native type, pyramid, and the linear
+/// maps between grid and world.
+pub struct LevelField<'v, T> {
+    samples: &'v [T],
+    dims: [usize; 3],
+    // Offsets of the four rows of a cell: (y, z) = (0,0), (1,0), (0,1), (1,1).
+    rows: [usize; 4],
+    sign: f32,
+    pyramid: &'v Pyramid,
+    grid_from_world: Mat3,
+    gradient_in_world: Mat3,
+}
+
+impl<'v, T: Sample> LevelField<'v, T> {
+    /// Binds the samples of `volume` (which must be `samples`, the typed slice) and its pyramid.
+    ///
+    /// # Panics
+    /// When `samples` does not have the volume's length, or the grid has fewer than two samples
+    /// along an axis (such a grid has no cells; callers refuse it by name).
+    pub fn new(volume: &Volume, samples: &'v [T], pyramid: &'v Pyramid) -> Self {
+        let dims = volume.dims();
+        assert_eq!(samples.len(), dims.iter().product::<usize>());
+        assert!(dims.iter().all(|&d| d >= 2), "a grid without cells");
+        let (nx, nxy) = (dims[0], dims[0] * dims[1]);
+        // Only directions go through this map: its scale is free, so it is chosen to keep
+        // ray parameters near 1 in any unit of length.
+        let inverse = volume.world_from_grid().inverse().linear();
+        let scale = inverse.x_axis.length().max(inverse.y_axis.length()).max(inverse.z_axis.length());
+        let sign = volume.solid_sign();
+        let gradient = volume.world_from_grid().inverse().linear().transpose() * (1.0 / scale);
+        Self {
+            samples,
+            dims,
+            rows: [0, nx, nxy, nx + nxy],
+            sign,
+            pyramid,
+            grid_from_world: (inverse * (1.0 / scale)).as_mat3(),
+            gradient_in_world: gradient.as_mat3() * sign,
+        }
+    }
+
+    /// A ray's direction in grid space, of any length.
+    #[inline(always)]
+    pub fn direction_in_grid(&self, direction_in_world: Vec3) -> Vec3 {
+        self.grid_from_world * direction_in_world
+    }
+
+    /// Grid points along each axis.
+    pub fn dims(&self) -> [usize; 3] {
+        self.dims
+    }
+
+    /// +1 where larger raw samples are solid, −1 where smaller ones are.
+    pub fn sign(&self) -> f32 {
+        self.sign
+    }
+
+    /// The unit normal at a point, from the B-spline gradient, towards the lit side; `None` where
+    /// the gradient vanishes.
+    pub fn normal(&self, at: &CellPoint) -> Option<Normal> {
+        Normal::down_gradient(self.gradient_in_world * self.raw_gradient(at))
+    }
+
+    /// The cell point of a grid position, clamped to the box.
+    pub fn locate(&self, position_in_grid: [f64; 3]) -> CellPoint {
+        let mut cell = IVec3::ZERO;
+        let mut local = Vec3::ZERO;
+        for a in 0..3 {
+            let last = self.dims[a] - 1;
+            let p = position_in_grid[a].clamp(0.0, last as f64);
+            let c = (p as usize).min(last - 1);
+            cell[a] = c as i32;
+            local[a] = (p - c as f64) as f32;
+        }
+        CellPoint { cell, local }
+    }
+
+    /// Raw samples at the eight corners of a cell: x = 0 face first, in the order of `rows`.
+    #[inline(always)]
+    fn corners(&self, cell: IVec3) -> ([f32; 4], [f32; 4]) {
+        let base = cell.x as usize + self.dims[0] * (cell.y as usize + self.dims[1] * cell.z as usize);
+        let low = self.rows.map(|r| self.samples[base + r].raw());
+        let high = self.rows.map(|r| self.samples[base + r + 1].raw());
+        (low, high)
+    }
+
+    /// Trilinear raw value at a point.
+    pub fn raw_value(&self, at: &CellPoint) -> f32 {
+        let (low, high) = self.corners(at.cell);
+        cell::trilinear(&low, &high, at.local)
+    }
+}
