@@ -17,6 +17,10 @@
 //!
 //! A texel that was not baked holds NaN in all coefficients, one without a usable normal holds 0.
 
+mod selection;
+
+pub use selection::Selection;
+
 use crate::error::{Error, Result};
 use half::f16;
 

@@ -1,0 +1,110 @@
+//! A set of texels, and the bricks and chunks that hold them.
+
+use super::{BRICK, CHUNK, Lattice};
+
+/// A set of texels of a lattice: which of them to bake.
+#[derive(Clone, Debug)]
+pub struct Selection {
+    lattice: Lattice,
+    // One bit a texel, x fastest.
+    bits: Vec<u64>,
+}
+
+impl Selection {
+    /// No texel.
+    pub fn empty(lattice: Lattice) -> Self {
+        let count: usize = lattice.texels().iter().product();
+        Self { lattice, bits: vec![0; count.div_ceil(64)] }
+    }
+
+    /// Every texel.
+    pub fn all(lattice: Lattice) -> Self {
+        let mut selection = Self::empty(lattice);
+        let count: usize = lattice.texels().iter().product();
+        selection.bits.fill(u64::MAX);
+        if let Some(last) = selection.bits.last_mut()
+            && count % 64 != 0
+        {
+            *last = (1 << (count % 64)) - 1;
+        }
+        selection
+    }
+
+    /// The lattice it is of.
+    pub fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+
+    fn index(&self, texel: [usize; 3]) -> usize {
+        let [mx, my, _] = self.lattice.texels();
+        texel[0] + mx * (texel[1] + my * texel[2])
+    }
+
+    /// Whether a texel is in the set; texels beyond the lattice are not.
+    pub fn contains(&self, texel: [usize; 3]) -> bool {
+        let m = self.lattice.texels();
+        if (0..3).any(|a| texel[a] >= m[a]) {
+            return false;
+        }
+        let i = self.index(texel);
+        self.bits[i / 64] >> (i % 64) & 1 == 1
+    }
+
+    /// Adds the texels that a trilinear lookup anywhere in a cell of the grid reads.
+    pub fn insert_cell(&mut self, cell: [usize; 3]) {
+        let m = self.lattice.texels();
+        // Texels on both sides of the cell; the margin covers rounding of the division.
+        let span = |a: usize| {
+            let step = self.lattice.step(a);
+            let low = (cell[a] as f64 / step - 1e-9).floor().max(0.0) as usize;
+            let high = ((cell[a] + 1) as f64 / step + 1e-9).ceil() as usize;
+            low.min(m[a] - 1)..=high.min(m[a] - 1)
+        };
+        let (sx, sy, sz) = (span(0), span(1), span(2));
+        for z in sz {
+            for y in sy.clone() {
+                for x in sx.clone() {
+                    let i = self.index([x, y, z]);
+                    self.bits[i / 64] |= 1 << (i % 64);
+                }
+            }
+        }
+    }
+
+    /// Adds every texel of another set of the same lattice.
+    ///
+    /// # Panics
+    /// When the lattices differ.
+    pub fn insert_all(&mut self, other: &Self) {
+        assert_eq!(self.lattice, other.lattice);
+        for (a, b) in self.bits.iter_mut().zip(&other.bits) {
+            *a |= b;
+        }
+    }
+
+    /// Number of texels in the set.
+    pub fn len(&self) -> u64 {
+        self.bits.iter().map(|w| u64::from(w.count_ones())).sum()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.bits.iter().all(|&w| w == 0)
+    }
+
+    /// Whether a brick holds any texel of the set.
+    pub fn touches_brick(&self, brick: [usize; 3]) -> bool {
+        self.touches(brick, BRICK)
+    }
+
+    /// Whether a chunk holds any texel of the set.
+    pub fn touches_chunk(&self, chunk: [usize; 3]) -> bool {
+        self.touches(chunk, CHUNK)
+    }
+
+    fn touches(&self, block: [usize; 3], side: usize) -> bool {
+        let m = self.lattice.texels();
+        let span = |a: usize| block[a] * side..((block[a] + 1) * side).min(m[a]);
+        span(2).any(|z| span(1).any(|y| span(0).any(|x| self.contains([x, y, z]))))
+    }
+}

@@ -1,0 +1,264 @@
+//! The parallel loop: chunks of bricks of texels. Each brick writes its own slot and every number is a
+//! pure function of (seed, texel, replicate, bounce, path), so the bytes do not depend on threads or
+//! on which chunks are baked together.
+
+use super::path::{Scratch, Settings, TexelEstimate, estimate};
+use super::summary::{ERROR_BINS, Summary};
+use crate::error::{Error, Result};
+use crate::level::{LevelField, Pyramid};
+use crate::transfer::{BRICK, BRICK_TEXELS, Brick, CHUNK, Layout, Selection, validity};
+use crate::volume::{Sample, Volume, with_samples};
+use half::f16;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+/// Chunks computed together: enough work to keep all threads busy, little enough to hold.
+const GROUP: usize = 8;
+
+/// Everything a bake reads.
+pub struct Bake<'a> {
+    /// The volume.
+    pub volume: &'a Volume,
+    /// Its pyramid.
+    pub pyramid: &'a Pyramid,
+    /// Lattice and layers of the texture; the layers are those of `settings`.
+    pub layout: &'a Layout,
+    /// Estimator settings.
+    pub settings: &'a Settings,
+    /// Which texels to bake.
+    pub selection: &'a Selection,
+}
+
+/// How far a bake has come; shared between the threads and whoever watches.
+#[derive(Debug, Default)]
+pub struct Progress {
+    /// Texels done, of those selected.
+    pub texels: AtomicU64,
+    /// Rays traced.
+    pub rays: AtomicU64,
+    /// Set from outside to stop at the next brick; the bake then ends with what it has.
+    pub cancel: AtomicBool,
+}
+
+/// A baked brick and what it cost.
+pub struct BrickOutput {
+    /// The texels.
+    pub brick: Brick,
+    /// Its totals.
+    pub summary: Summary,
+}
+
+impl Bake<'_> {
+    fn check(&self) -> Result<()> {
+        if self.volume.dims().iter().any(|&d| d < 2) {
+            let d = self.volume.dims();
+            return Err(Error::argument(
+                "volume",
+                format!("{}×{}×{} samples", d[0], d[1], d[2]),
+                "at least 2 samples along each axis",
+                "a slice has no isosurface; stack it with its neighbours",
+            ));
+        }
+        if !self.settings.rays.is_power_of_two() || self.settings.rays < super::REPLICATES as u32 {
+            return Err(Error::argument(
+                "rays",
+                self.settings.rays,
+                "a power of two, at least 4",
+                "16 is a preview, 64 a draft, 256 final, 4096 a reference",
+            ));
+        }
+        Ok(())
+    }
+
+    /// Chunks that hold selected texels, x fastest.
+    pub fn chunks(&self) -> Vec<[usize; 3]> {
+        let [cx, cy, cz] = self.layout.lattice.chunks();
+        let all = (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]);
+        all.filter(|&c| self.selection.touches_chunk(c)).collect()
+    }
+}
+
+/// Bakes the selected texels, chunk after chunk, and hands each chunk's 4³ bricks (x fastest, `None`
+/// where nothing is selected) to `sink`, in the order of [`Bake::chunks`].
+///
+/// `present` gives the bricks of a chunk that exist already; their texels are kept and the selected ones
+/// replaced.
+///
+/// # Errors
+/// Those of the sink; rays that are not a power of two of at least 4; a volume without cells.
+pub fn bake(
+    bake: &Bake<'_>,
+    chunks: &[[usize; 3]],
+    progress: &Progress,
+    present: &(dyn Fn([usize; 3]) -> Result<Option<Vec<Option<Brick>>>> + Sync),
+    sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
+) -> Result<Summary> {
+    bake.check()?;
+    with_samples!(bake.volume.samples(), s => run(s, bake, chunks, progress, present, sink))
+}
+
+fn run<T: Sample>(
+    samples: &[T],
+    bake: &Bake<'_>,
+    chunks: &[[usize; 3]],
+    progress: &Progress,
+    present: &(dyn Fn([usize; 3]) -> Result<Option<Vec<Option<Brick>>>> + Sync),
+    sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
+) -> Result<Summary> {
+    let field = LevelField::new(bake.volume, samples, bake.pyramid);
+    let mut total = Summary::new(bake.settings.layers.len());
+    const PER_SIDE: usize = CHUNK / BRICK;
+    const BRICKS: usize = PER_SIDE * PER_SIDE * PER_SIDE;
+    for group in chunks.chunks(GROUP) {
+        let mut before = Vec::new();
+        for &chunk in group {
+            before.push(present(chunk)?.unwrap_or_default());
+        }
+        let mut outputs: Vec<Option<BrickOutput>> = (0..group.len() * BRICKS)
+            .into_par_iter()
+            .map_init(Scratch::default, |scratch, i| {
+                let (chunk, b) = (group[i / BRICKS], i % BRICKS);
+                let inner = [b % PER_SIDE, b / PER_SIDE % PER_SIDE, b / PER_SIDE / PER_SIDE];
+                let index = std::array::from_fn(|a| chunk[a] * PER_SIDE + inner[a]);
+                let old = before[i / BRICKS].get(b).and_then(Option::as_ref);
+                if progress.cancel.load(Ordering::Relaxed) || !bake.selection.touches_brick(index) {
+                    return old.map(|brick| BrickOutput { brick: brick.clone(), summary: Summary::default() });
+                }
+                let output = brick_with(&field, bake, index, old, scratch);
+                progress.texels.fetch_add(output.summary.texels, Ordering::Relaxed);
+                progress.rays.fetch_add(output.summary.counts.rays, Ordering::Relaxed);
+                Some(output)
+            })
+            .collect();
+        if progress.cancel.load(Ordering::Relaxed) {
+            break;
+        }
+        for (g, &chunk) in group.iter().enumerate() {
+            let mut bricks = Vec::with_capacity(BRICKS);
+            for slot in &mut outputs[g * BRICKS..(g + 1) * BRICKS] {
+                bricks.push(slot.take().map(|output| {
+                    total.add(&output.summary);
+                    output.brick
+                }));
+            }
+            sink(chunk, bricks)?;
+        }
+    }
+    Ok(total)
+}
+
+/// Bakes one brick on its own.
+pub fn bake_brick(bake: &Bake<'_>, index: [usize; 3]) -> Result<BrickOutput> {
+    bake.check()?;
+    Ok(with_samples!(bake.volume.samples(), s => {
+        let field = LevelField::new(bake.volume, s, bake.pyramid);
+        brick_with(&field, bake, index, None, &mut Scratch::default())
+    }))
+}
+
+fn brick_with<T: Sample>(
+    field: &LevelField<'_, T>,
+    bake: &Bake<'_>,
+    index: [usize; 3],
+    old: Option<&Brick>,
+    scratch: &mut Scratch,
+) -> BrickOutput {
+    let layers = &bake.settings.layers;
+    let lattice = &bake.layout.lattice;
+    let mut brick = old.cloned().unwrap_or_else(|| Brick::unbaked(layers));
+    let mut summary = Summary::new(layers.len());
+    let mut texel_estimate = TexelEstimate::default();
+    let (coefficients, errors) = (layers.coefficients(), layers.errors());
+    let [mx, my, _] = lattice.texels();
+    for t in 0..BRICK_TEXELS {
+        let inner = [t % BRICK, t / BRICK % BRICK, t / BRICK / BRICK];
+        let texel: [usize; 3] = std::array::from_fn(|a| index[a] * BRICK + inner[a]);
+        if !bake.selection.contains(texel) {
+            continue;
+        }
+        summary.texels += 1;
+        let transfer = &mut brick.transfer[t * coefficients..(t + 1) * coefficients];
+        let stderr = &mut brick.stderr[t * errors..(t + 1) * errors];
+        let Some(site) = field.site(lattice.grid_from_texel(texel)) else {
+            transfer.fill(f16::ZERO);
+            stderr.fill(f16::ZERO);
+            (brick.validity[t], brick.rays[t]) = (0, 0);
+            continue;
+        };
+        let item = (texel[0] + mx * (texel[1] + my * texel[2])) as u64;
+        estimate(field, &site, item, bake.settings, scratch, &mut summary.counts, &mut texel_estimate);
+        store_rounded(&texel_estimate.transfer, transfer);
+        store_rounded(&texel_estimate.stderr, stderr);
+        brick.validity[t] = validity::VALID | if site.clamped { validity::CLAMPED } else { 0 };
+        brick.rays[t] = bake.settings.rays;
+        tally(&texel_estimate, site.clamped, bake.settings, &mut summary);
+    }
+    BrickOutput { brick, summary }
+}
+
+fn store_rounded(from: &[f32], to: &mut [f16]) {
+    for (to, &from) in to.iter_mut().zip(from) {
+        *to = f16::from_f32(from);
+    }
+}
+
+fn tally(texel: &TexelEstimate, clamped: bool, settings: &Settings, summary: &mut Summary) {
+    let root_four_pi = 2.0 * std::f64::consts::PI.sqrt();
+    summary.valid += 1;
+    summary.clamped += u64::from(clamped);
+    summary.degenerate += u64::from(texel.degenerate);
+    summary.paths += u64::from(settings.rays);
+    summary.lost += u64::from(texel.lost);
+    summary.trapped += u64::from(texel.trapped);
+    summary.escape_variance += f64::from(texel.escape_stderr).powi(2);
+    let bin = ((texel.escape_stderr * 1000.0) as usize).min(ERROR_BINS - 1);
+    summary.escape_stderr_histogram[bin] += 1;
+    for k in 0..settings.layers.len() {
+        summary.escapes[k] += root_four_pi * f64::from(texel.transfer[settings.layers.offset(k)]);
+    }
+}
+
+/// A small bake of every `stride`-th selected texel, for estimates before the real one; nothing is kept
+/// but the totals.
+///
+/// # Errors
+/// As [`bake`].
+pub fn pilot(bake: &Bake<'_>, texels: u64) -> Result<Summary> {
+    bake.check()?;
+    let m = bake.layout.lattice.texels();
+    let all: u64 = m.iter().map(|&v| v as u64).product();
+    let stride = (bake.selection.len() / texels.max(1)).max(1);
+    // A fixed stride through the selected texels, in the order of the lattice.
+    let mut picked = Vec::new();
+    let mut seen = 0u64;
+    for i in 0..all {
+        let texel = [i as usize % m[0], i as usize / m[0] % m[1], i as usize / m[0] / m[1]];
+        if bake.selection.contains(texel) {
+            if seen % stride == stride / 2 {
+                picked.push((texel, i));
+            }
+            seen += 1;
+        }
+    }
+    with_samples!(bake.volume.samples(), s => {
+        let field = LevelField::new(bake.volume, s, bake.pyramid);
+        let parts: Vec<Summary> = picked
+            .par_chunks(64)
+            .map_init(Scratch::default, |scratch, part| {
+                let mut summary = Summary::new(bake.settings.layers.len());
+                let mut texel_estimate = TexelEstimate::default();
+                for &(texel, item) in part {
+                    summary.texels += 1;
+                    if let Some(site) = field.site(bake.layout.lattice.grid_from_texel(texel)) {
+                        estimate(&field, &site, item, bake.settings, scratch, &mut summary.counts, &mut texel_estimate);
+                        tally(&texel_estimate, site.clamped, bake.settings, &mut summary);
+                    }
+                }
+                summary
+            })
+            .collect();
+        let mut total = Summary::new(bake.settings.layers.len());
+        parts.iter().for_each(|part| total.add(part));
+        Ok(total)
+    })
+}
