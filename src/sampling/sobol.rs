@@ -1,0 +1,276 @@
+//! Owen-scrambled Sobol points in padded pairs.
+//!
+//! A path asks for two numbers at a time: pair 0 for its first direction, pair 1 for the next
+//! bounce, and so on. Every pair is a two-dimensional Sobol sequence of its own, scrambled by a
+//! nested uniform permutation (Owen 1995) and visited in an order shuffled by another, both
+//! chosen by (seed, item, replicate, pair). So the points of one pair are a randomised
+//! (0, 2)-sequence, every prefix of 2^k points a (0, k, 2)-net, and different pairs, replicates
+//! and items are independent (Burley 2020, "Practical Hash-based Owen Scrambling", JCGT 9(4),
+//! sections 3 and 4.1).
+//!
+//! Where we differ from Burley: the scrambling hash is the one of Vegdahl 2021 ("Building a
+//! Better LK Hash"), better mixed at the same price; and only two dimensions are made, the second
+//! from five shifts and masks instead of a table, because the Sobol matrix of dimension 1 is the
+//! Pascal triangle modulo 2 (Ahmed 2024, "An Implementation Algorithm of 2D Sobol Sequence Fast,
+//! Elegant, and Compact", EGSR): digit j of the fraction is the sum over all k whose binary digits
+//! contain those of j of bit k of the index (Lucas). That keeps all 32 bits of the index, where
+//! the crate `sobol_burley` stops at 2^16 points. The tests check both against that crate.
+//!
+//! Measured (test `measure_pairs`, one thread of a busy 2-core x86-64 machine, baseline target,
+//! ns a pair): see the constants in that test's output; ours about 9 one by one and 7 in batches,
+//! `sobol_burley::sample_4d`, which makes four dimensions, about 25.
+
+use super::hash::{GOLDEN, key, mix, unit_interval};
+
+/// Permutes the digits of a fraction given in reversed bits (bit 0 = most significant digit), in
+/// the nested way: the permutation of a digit depends on all more significant ones. An
+/// approximation of Owen's scrambling by arithmetic in which low bits move only higher ones
+/// (Laine & Karras 2011; constants of Vegdahl 2021). `scramble` must be well mixed.
+#[inline(always)]
+const fn nested_permutation(mut reversed: u32, scramble: u32) -> u32 {
+    reversed ^= reversed.wrapping_mul(0x3d20_adea);
+    reversed = reversed.wrapping_add(scramble);
+    reversed = reversed.wrapping_mul((scramble >> 16) | 1);
+    reversed ^= reversed.wrapping_mul(0x0552_6c56);
+    reversed ^ reversed.wrapping_mul(0x53a2_2864)
+}
+
+/// Dimension 1 of the Sobol sequence at `index`, in reversed bits: bit j is the sum modulo 2 of
+/// the bits of `index` at all positions that contain j. (Dimension 0 in reversed bits is `index`.)
+#[inline(always)]
+const fn second_dimension_reversed(mut index: u32) -> u32 {
+    index ^= (index >> 1) & 0x5555_5555;
+    index ^= (index >> 2) & 0x3333_3333;
+    index ^= (index >> 4) & 0x0f0f_0f0f;
+    index ^= (index >> 8) & 0x00ff_00ff;
+    index ^ (index >> 16)
+}
+
+/// One pair of a [`PathSampler`]: a randomised (0, 2)-sequence.
+#[derive(Clone, Copy, Debug)]
+pub struct PairSequence {
+    shuffle: u32,
+    scramble: [u32; 2],
+}
+
+impl PairSequence {
+    /// Point `index` of the sequence, in [0, 1)², in multiples of 2⁻²⁴.
+    #[inline(always)]
+    pub const fn point(&self, index: u32) -> [f32; 2] {
+        // Shuffling permutes the low digits within the aligned block that the high digits
+        // choose, so a prefix of 2^k indices stays one aligned block: a net.
+        let index = nested_permutation(index.reverse_bits(), self.shuffle).reverse_bits();
+        let x = nested_permutation(index, self.scramble[0]).reverse_bits();
+        let y = nested_permutation(second_dimension_reversed(index), self.scramble[1]).reverse_bits();
+        [unit_interval(x), unit_interval(y)]
+    }
+
+    /// Points `first`, `first` + 1, … into `points`.
+    #[inline]
+    pub fn fill(&self, first: u32, points: &mut [[f32; 2]]) {
+        for (offset, point) in points.iter_mut().enumerate() {
+            *point = self.point(first.wrapping_add(offset as u32));
+        }
+    }
+}
+
+/// The source of numbers for the paths of one item (a texel) in one replicate.
+#[derive(Clone, Copy, Debug)]
+pub struct PathSampler {
+    key: u64,
+}
+
+impl PathSampler {
+    /// The numbers of `item` under `seed`, in the independent scramble `replicate`.
+    #[inline]
+    pub const fn new(seed: u64, item: u64, replicate: u32) -> Self {
+        Self { key: key(key(seed, item), replicate as u64) }
+    }
+
+    /// The sequence of pair `pair`. Hold on to it when many samples of one pair are drawn.
+    #[inline(always)]
+    pub const fn sequence(&self, pair: u32) -> PairSequence {
+        let counter = 2 * pair as u64;
+        let first = mix(self.key.wrapping_add((counter + 1).wrapping_mul(GOLDEN)));
+        let second = mix(self.key.wrapping_add((counter + 2).wrapping_mul(GOLDEN)));
+        PairSequence { shuffle: (first >> 32) as u32, scramble: [first as u32, (second >> 32) as u32] }
+    }
+
+    /// The two numbers that sample `sample` uses as its pair `pair`, in [0, 1)².
+    #[inline]
+    pub const fn pair(&self, sample: u32, pair: u32) -> [f32; 2] {
+        self.sequence(pair).point(sample)
+    }
+
+    /// [`pair`](Self::pair) of the samples `first`, `first` + 1, … into `points`.
+    #[inline]
+    pub fn fill_pairs(&self, pair: u32, first: u32, points: &mut [[f32; 2]]) {
+        self.sequence(pair).fill(first, points);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::statistics::{Running, log_log_slope, normal_two_sided, sidak};
+    use sobol_burley::parts;
+
+    #[test]
+    fn agrees_with_the_table_driven_crate() {
+        for index in (0..1_u32 << 16).step_by(7) {
+            let reversed = index.reverse_bits();
+            assert_eq!(index, parts::sobol_rev(reversed, 0));
+            assert_eq!(second_dimension_reversed(index), parts::sobol_rev(reversed, 1));
+            let scramble = index.wrapping_mul(0x9e37_79b9);
+            assert_eq!(nested_permutation(reversed, scramble), parts::owen_scramble_rev(reversed, scramble));
+        }
+    }
+
+    /// Largest count in any elementary interval of area 1/points.len(); 1 for a (0, k, 2)-net.
+    fn crowding(points: &[[f32; 2]]) -> u32 {
+        let k = points.len().ilog2();
+        assert!(points.len().is_power_of_two());
+        let mut most = 0;
+        for columns in 0..=k {
+            let mut cells = vec![0_u32; points.len()];
+            for [x, y] in points {
+                let (i, j) = ((x * (1 << columns) as f32) as usize, (y * (1 << (k - columns)) as f32) as usize);
+                cells[(i << (k - columns)) | j] += 1;
+            }
+            most = most.max(cells.into_iter().max().unwrap_or(0));
+        }
+        most
+    }
+
+    #[test]
+    fn every_prefix_of_a_power_of_two_is_a_net() {
+        for (seed, item, replicate, pair) in [(0, 0, 0, 0), (1, 0, 0, 0), (0, 77, 3, 1), (u64::MAX, 1 << 40, 1, 9)] {
+            let sampler = PathSampler::new(seed, item, replicate);
+            let mut points = vec![[0.0; 2]; 1 << 12];
+            sampler.fill_pairs(pair, 0, &mut points);
+            for k in 0..=12 {
+                assert_eq!(crowding(&points[..1 << k]), 1, "2^{k} points of {seed} {item} {replicate} {pair}");
+            }
+            // Aligned blocks are nets too, also far beyond 2^16.
+            for first in [1 << 10, 3 << 16, 0xffff_fc00] {
+                let mut block = vec![[0.0; 2]; 1 << 10];
+                sampler.fill_pairs(pair, first, &mut block);
+                assert_eq!(crowding(&block), 1, "from {first}");
+                assert_eq!(block[5], sampler.pair(first + 5, pair));
+            }
+        }
+    }
+
+    /// RMS over `replicates` of the error of ∫ x e^y = (e−1)/2 with n points each.
+    fn error(n: u32, point: impl Fn(u32, u32) -> [f32; 2]) -> f64 {
+        let exact = 0.5 * (std::f64::consts::E - 1.0);
+        let replicates = 64;
+        let mut square = 0.0;
+        for replicate in 0..replicates {
+            let mut sum = 0.0;
+            for i in 0..n {
+                let [x, y] = point(replicate, i);
+                sum += f64::from(x) * f64::from(y).exp();
+            }
+            square += (sum / f64::from(n) - exact).powi(2);
+        }
+        (square / f64::from(replicates)).sqrt()
+    }
+
+    fn order(point: impl Fn(u32, u32) -> [f32; 2]) -> f64 {
+        let ladder: Vec<(f64, f64)> = (4..=12).map(|k| (f64::from(1 << k), error(1 << k, &point))).collect();
+        log_log_slope(&ladder)
+    }
+
+    /// Owen 1997: variance O(N⁻³ log N) for smooth integrands in two dimensions, so the RMS
+    /// error falls nearly as N^−1.5. With reversed bits in the wrong place the points are
+    /// merely random, N^−0.5: the control makes sure that this test would notice.
+    #[test]
+    fn the_order_of_convergence_is_that_of_scrambled_nets() {
+        let slope = order(|replicate, i| PathSampler::new(3, 14, replicate).pair(i, 2));
+        assert!(slope < -1.3, "slope {slope}");
+        let wrong = order(|replicate, i| {
+            let s = PathSampler::new(3, 14, replicate).sequence(2);
+            let x = nested_permutation(i.reverse_bits(), s.scramble[0]);
+            let y = nested_permutation(second_dimension_reversed(i).reverse_bits(), s.scramble[1]);
+            [unit_interval(x), unit_interval(y)]
+        });
+        assert!(wrong > -1.0, "the control converges as {wrong}: this test cannot see a wrong bit order");
+    }
+
+    /// The product of the *centred* errors of two replicates, or two pairs, of 16 points has
+    /// mean 0; so has the correlation of single coordinates across pairs at equal index.
+    #[test]
+    fn replicates_pairs_and_items_are_independent() {
+        let mean = |s: PathSampler, pair: u32| {
+            (0..16).map(|i| s.pair(i, pair)).map(|[x, y]| f64::from(x) * f64::from(y) - 0.25).sum::<f64>() / 16.0
+        };
+        let coordinate = |s: PathSampler, i: u32, pair: u32, axis: usize| f64::from(s.pair(i, pair)[axis]) - 0.5;
+        let trials = 20_000;
+        let mut sums = [Running::new(); 7];
+        for item in 0..trials {
+            let (a, b) = (PathSampler::new(7, item, 0), PathSampler::new(7, item, 1));
+            let next = PathSampler::new(7, item + trials, 0);
+            sums[0].push(mean(a, 0) * mean(b, 0));
+            sums[1].push(mean(a, 0) * mean(a, 1));
+            sums[2].push(mean(a, 0) * mean(next, 0));
+            let i = (item % 64) as u32;
+            sums[3].push(coordinate(a, i, 0, 0) * coordinate(a, i, 1, 0));
+            sums[4].push(coordinate(a, i, 0, 0) * coordinate(a, i, 0, 1));
+            sums[5].push(coordinate(a, i, 0, 1) * coordinate(b, i, 0, 1));
+            sums[6].push(coordinate(a, i, 2, 1) * coordinate(next, i, 2, 1));
+        }
+        for (case, sum) in sums.iter().enumerate() {
+            let z = sum.mean() / sum.standard_error();
+            assert!(normal_two_sided(z) > sidak(0.01, sums.len()), "case {case}: z = {z}");
+        }
+    }
+
+    /// One point of a scrambled sequence is uniform, whatever its index.
+    #[test]
+    fn each_point_is_uniform_over_items() {
+        for index in [0, 1, 5, 1000] {
+            let mut bins = vec![0.0; 256];
+            let trials = 1 << 16;
+            for item in 0..trials {
+                let [x, y] = PathSampler::new(11, item, 0).pair(index, 0);
+                bins[(x * 16.0) as usize * 16 + (y * 16.0) as usize] += 1.0;
+            }
+            let expected = vec![trials as f64 / 256.0; 256];
+            let p = crate::sampling::statistics::chi_square_test(&bins, &expected).p;
+            assert!(p > sidak(0.01, 4), "index {index}: p = {p:e}");
+        }
+    }
+
+    #[test]
+    #[ignore = "a measurement: cargo test --release --lib sampling::sobol -- --ignored --nocapture"]
+    fn measure_pairs() {
+        let n = 1_u32 << 14;
+        let time = |name: &str, work: &dyn Fn() -> f32| {
+            let best = (0..9)
+                .map(|_| {
+                    let start = std::time::Instant::now();
+                    std::hint::black_box(work());
+                    start.elapsed().as_nanos() as f64 / f64::from(n)
+                })
+                .fold(f64::INFINITY, f64::min);
+            println!("{name}: {best:.2} ns");
+        };
+        let sampler = PathSampler::new(std::hint::black_box(1), 2, 3);
+        time("pair, four pairs a sample", &|| {
+            let sum = |i: u32| (0..4).map(|p| sampler.pair(i, p)).map(|[x, y]| x + y).sum::<f32>();
+            (0..n / 4).map(sum).sum()
+        });
+        time("fill_pairs, 64 at a time", &|| {
+            let mut points = [[0.0; 2]; 64];
+            let mut sum = 0.0;
+            for first in (0..n).step_by(64) {
+                sampler.fill_pairs(first & 3, first, &mut points);
+                sum += points[first as usize & 63][0];
+                std::hint::black_box(&mut points);
+            }
+            sum
+        });
+        time("sobol_burley::sample_4d", &|| (0..n).map(|i| sobol_burley::sample_4d(i, 0, i & 3)[1]).sum());
+    }
+}
