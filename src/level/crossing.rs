@@ -35,7 +35,8 @@ fn scan<T: Sample>(
                 for x in block * SIDE..(block * SIDE + SIDE).min(nx - 1) {
                     let base = x + nx * (y + ny * z);
                     let solid = |i: usize| usize::from(sign * samples[i].raw() > signed);
-                    let count: usize = [0, nx, nx * ny, nx * ny + nx].iter().map(|o| solid(base + o) + solid(base + o + 1)).sum();
+                    let count: usize =
+                        [0, nx, nx * ny, nx * ny + nx].iter().map(|o| solid(base + o) + solid(base + o + 1)).sum();
                     if count != 0 && count != 8 {
                         found([x, y, z]);
                     }

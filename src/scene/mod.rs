@@ -1,1 +1,8 @@
-//! (in work)
+//! What is to be lit: materials over the isovalue, and the plan of effects. Knows nothing of the insides of
+//! solvers.
+
+mod colormap;
+mod plan;
+
+pub use colormap::{Colormap, MaterialRule};
+pub use plan::{Effect, Pilot, Plan, PlanInput, plan};

@@ -1,6 +1,8 @@
 //! A set of texels, and the bricks and chunks that hold them.
 
 use super::{BRICK, CHUNK, Lattice};
+use crate::level::{Pyramid, for_each_crossed_cell};
+use crate::volume::Volume;
 
 /// A set of texels of a lattice: which of them to bake.
 #[derive(Clone, Debug)]
@@ -28,6 +30,19 @@ impl Selection {
             *last = (1 << (count % 64)) - 1;
         }
         selection
+    }
+
+    /// The texels that lookups on one isosurface read.
+    pub fn of_isosurface(lattice: Lattice, volume: &Volume, pyramid: &Pyramid, isovalue: f64) -> Self {
+        let mut selection = Self::empty(lattice);
+        for_each_crossed_cell(volume, pyramid, isovalue, |cell| selection.insert_cell(cell));
+        selection
+    }
+
+    /// The bricks that hold texels of the set, x fastest.
+    pub fn bricks(&self) -> Vec<[usize; 3]> {
+        let [bx, by, bz] = self.lattice.bricks();
+        (0..bx * by * bz).map(|i| [i % bx, i / bx % by, i / bx / by]).filter(|&b| self.touches_brick(b)).collect()
     }
 
     /// The lattice it is of.

@@ -9,6 +9,7 @@ use crate::level::{LevelField, Pyramid};
 use crate::transfer::{BRICK, BRICK_TEXELS, Brick, CHUNK, Layout, Selection, validity};
 use crate::volume::{Sample, Volume, with_samples};
 use half::f16;
+use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -187,19 +188,13 @@ fn brick_with<T: Sample>(
         };
         let item = (texel[0] + mx * (texel[1] + my * texel[2])) as u64;
         estimate(field, &site, item, bake.settings, scratch, &mut summary.counts, &mut texel_estimate);
-        store_rounded(&texel_estimate.transfer, transfer);
-        store_rounded(&texel_estimate.stderr, stderr);
+        transfer.convert_from_f32_slice(&texel_estimate.transfer);
+        stderr.convert_from_f32_slice(&texel_estimate.stderr);
         brick.validity[t] = validity::VALID | if site.clamped { validity::CLAMPED } else { 0 };
         brick.rays[t] = bake.settings.rays;
         tally(&texel_estimate, site.clamped, bake.settings, &mut summary);
     }
     BrickOutput { brick, summary }
-}
-
-fn store_rounded(from: &[f32], to: &mut [f16]) {
-    for (to, &from) in to.iter_mut().zip(from) {
-        *to = f16::from_f32(from);
-    }
 }
 
 fn tally(texel: &TexelEstimate, clamped: bool, settings: &Settings, summary: &mut Summary) {

@@ -18,7 +18,7 @@ mod summary;
 mod tests;
 
 pub use bake::{Bake, BrickOutput, Progress, bake, bake_brick, pilot};
-pub use path::{Settings, TexelEstimate, replay};
+pub use path::{ReplayedPath, Settings, TexelEstimate, replay};
 pub use summary::Summary;
 
 /// Independent scrambles of each texel's points; error bars come from their spread.

@@ -13,9 +13,9 @@
 use super::REPLICATES;
 use crate::geom::{Frame, Normal};
 use crate::level::{CellPoint, Counts, LevelField, Outcome, Site, Start};
-use crate::sampling::{fill_pairs, warp};
+use crate::sampling::{PathSampler, warp};
 use crate::sh;
-use crate::transfer::{Layers, MAX_LAYERS};
+use crate::transfer::Layers;
 use crate::volume::Sample;
 use glam::Vec3;
 
@@ -60,7 +60,6 @@ pub struct TexelEstimate {
 /// Buffers reused from texel to texel.
 #[derive(Default)]
 pub(super) struct Scratch {
-    pairs: Vec<[f32; 2]>,
     alive: Vec<Alive>,
     escaped: Vec<Vec3>,
     blocked: Vec<Vec3>,
@@ -122,15 +121,15 @@ fn trace_replicate<T: Sample>(
     let first = Alive { path: 0, start: site.start, normal: site.normal };
     scratch.alive.extend((0..points as u32).map(|path| Alive { path, ..first }));
     let frame = Frame::around(site.normal);
-    scratch.pairs.resize(points, [0.0; 2]);
+    let sampler = PathSampler::new(settings.seed, item, replicate as u32);
     for k in 0..layers.len() {
-        fill_pairs(settings.seed, item, replicate as u32, k as u32, 0, &mut scratch.pairs);
+        let sequence = sampler.sequence(k as u32);
         scratch.escaped.clear();
         scratch.blocked.clear();
         let mut kept = 0;
         for i in 0..scratch.alive.len() {
             let alive = scratch.alive[i];
-            let local = warp::square_to_cosine_hemisphere(scratch.pairs[alive.path as usize]);
+            let local = warp::square_to_cosine_hemisphere(sequence.point(alive.path));
             let frame = if k == 0 { frame } else { Frame::around(alive.normal) };
             let direction = frame.from_local(local);
             let in_grid = field.direction_in_grid(direction);
@@ -178,7 +177,13 @@ fn continuation<T: Sample>(field: &LevelField<'_, T>, outcome: Outcome) -> Optio
 }
 
 /// Means and standard errors from the sums of the replicates.
-fn combine(normal: Normal, settings: &Settings, scratch: &Scratch, visible: &[u32; REPLICATES], out: &mut TexelEstimate) {
+fn combine(
+    normal: Normal,
+    settings: &Settings,
+    scratch: &Scratch,
+    visible: &[u32; REPLICATES],
+    out: &mut TexelEstimate,
+) {
     let layers = &settings.layers;
     let coefficients = layers.coefficients();
     let direct = layers.bands()[0] * layers.bands()[0];
@@ -274,13 +279,7 @@ pub fn replay<T: Sample>(field: &LevelField<'_, T>, site: &Site, item: u64, sett
     let mut counts = Counts::default();
     let mut all = Vec::new();
     for replicate in 0..REPLICATES {
-        let pairs: Vec<Vec<[f32; 2]>> = (0..settings.layers.len().min(MAX_LAYERS))
-            .map(|k| {
-                let mut pairs = vec![[0.0; 2]; points];
-                fill_pairs(settings.seed, item, replicate as u32, k as u32, 0, &mut pairs);
-                pairs
-            })
-            .collect();
+        let sampler = PathSampler::new(settings.seed, item, replicate as u32);
         for path in 0..points {
             let (mut start, mut normal) = (site.start, site.normal);
             let mut record = ReplayedPath {
@@ -290,8 +289,9 @@ pub fn replay<T: Sample>(field: &LevelField<'_, T>, site: &Site, item: u64, sett
                 last_direction_in_world: [0.0; 3],
                 ended: "trapped",
             };
-            for layer in &pairs {
-                let direction = Frame::around(normal).from_local(warp::square_to_cosine_hemisphere(layer[path]));
+            for k in 0..settings.layers.len() {
+                let variates = sampler.pair(path as u32, k as u32);
+                let direction = Frame::around(normal).from_local(warp::square_to_cosine_hemisphere(variates));
                 record.last_direction_in_world = direction.to_array();
                 let outcome = field.trace(site.isovalue, &start, field.direction_in_grid(direction), &mut counts);
                 if outcome == Outcome::Escaped {

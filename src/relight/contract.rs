@@ -1,0 +1,230 @@
+//! Contraction: the dot product of every touched texel's transfer with the light.
+
+use super::{Light, Material, Tail};
+use crate::error::Result;
+use crate::transfer::{BRICK, BRICK_TEXELS, BrickSource, BrickView, Lattice, Layers, MAX_LAYERS, validity};
+use glam::Vec4;
+use half::slice::HalfFloatSliceExt;
+use rayon::prelude::*;
+
+/// Radiance of the texels of some bricks: the transfer texture with the light multiplied in.
+pub struct Contracted {
+    pub(super) lattice: Lattice,
+    // Brick index (x fastest) to slot, or NO_BRICK.
+    slots: Vec<u32>,
+    // Per slot 512 × (red, green, blue, weight); weight 1 for valid texels, 0 for others, −1 for texels
+    // that were never baked.
+    radiance: Vec<[f32; 4]>,
+    /// Noise of the bake as it shows under this light and material, over the valid texels contracted.
+    pub noise: Noise,
+    /// Largest S_∞ left out by emission at albedo 1, see [`Tail::emission`]; 0 otherwise.
+    pub emission_remainder: f32,
+}
+
+/// Standard error of the contracted radiance (mean over the channels), from the stored standard errors:
+/// σ² = Σ_k ρ^(2(k+1)) Σ_l σ_kl² Σ_m L_lm², which takes the coefficients as uncorrelated.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Noise {
+    /// Root mean square of σ over the texels.
+    pub rms: f64,
+    /// Mean radiance over the texels.
+    pub mean_radiance: f64,
+    /// Texels counted.
+    pub texels: u64,
+}
+
+impl Noise {
+    /// σ over the mean radiance; 0 for a black result.
+    pub fn relative(&self) -> f64 {
+        if self.mean_radiance > 0.0 { self.rms / self.mean_radiance } else { 0.0 }
+    }
+}
+
+const NO_BRICK: u32 = u32::MAX;
+
+/// The weights of one contraction.
+struct Weights {
+    // Per coefficient: ρ^(k+1) L_i for the three channels; zero where the light has no such band.
+    rows: Vec<Vec4>,
+    // First coefficient of the last layer.
+    last: usize,
+    // Coefficients of each layer that the light reaches, as (offset, count).
+    spans: Vec<(usize, usize)>,
+    // Per layer and band: Σ_m ρ^(2(k+1)) L_lm², mean over the channels.
+    variance: Vec<f32>,
+    albedo: [f32; 3],
+    emission: [f32; 3],
+}
+
+impl Weights {
+    fn new(layers: &Layers, light: &Light, material: &Material) -> Self {
+        let used = light.used_bands();
+        let mut rows = vec![Vec4::ZERO; layers.coefficients()];
+        let mut variance = vec![0.0; layers.errors()];
+        let mut spans = Vec::new();
+        let mut power = material.albedo.map(f64::from);
+        for (k, &bands) in layers.bands().iter().enumerate() {
+            let reached = bands.min(used);
+            spans.push((layers.offset(k), reached * reached));
+            for l in 0..reached {
+                let mut energy = 0.0;
+                for i in l * l..(l + 1) * (l + 1) {
+                    let w: [f64; 3] = std::array::from_fn(|c| power[c] * light.coefficients()[i][c]);
+                    rows[layers.offset(k) + i] = Vec4::new(w[0] as f32, w[1] as f32, w[2] as f32, 0.0);
+                    // Variance of the mean of the channels: they share the transfer's noise.
+                    energy += ((w[0] + w[1] + w[2]) / 3.0).powi(2);
+                }
+                variance[layers.error_offset(k) + l] = energy as f32;
+            }
+            for c in 0..3 {
+                power[c] *= f64::from(material.albedo[c]);
+            }
+        }
+        let last = layers.offset(layers.len() - 1);
+        Self { rows, last, spans, variance, albedo: material.albedo, emission: material.emission }
+    }
+
+    /// Radiance of one texel, and the emission left out.
+    #[inline]
+    fn texel(&self, transfer: &[f32], layers: &Layers) -> (Vec4, f32) {
+        let mut sum = Vec4::ZERO;
+        let mut last = Vec4::ZERO;
+        for &(offset, count) in &self.spans {
+            let mut layer = Vec4::ZERO;
+            for (t, w) in transfer[offset..offset + count].iter().zip(&self.rows[offset..offset + count]) {
+                layer += *w * *t;
+            }
+            if offset == self.last {
+                last = layer;
+            }
+            sum += layer;
+        }
+        if layers.len() < 2 && self.emission == [0.0; 3] {
+            return (sum, 0.0);
+        }
+        let mut escapes = [0.0f32; MAX_LAYERS];
+        for k in 0..layers.len() {
+            escapes[k] = transfer[layers.offset(k)] * (2.0 * std::f32::consts::PI.sqrt());
+        }
+        let escapes = &escapes[..layers.len()];
+        let tail = Tail::new(escapes);
+        let gain = Vec4::new(tail.gain(self.albedo[0]), tail.gain(self.albedo[1]), tail.gain(self.albedo[2]), 0.0);
+        sum += last * gain;
+        let mut left_out = 0.0f32;
+        if self.emission != [0.0; 3] {
+            for c in 0..3 {
+                let (factor, remainder) = tail.emission(escapes, self.albedo[c]);
+                sum[c] += self.emission[c] * factor;
+                if self.emission[c] > 0.0 {
+                    left_out = left_out.max(remainder);
+                }
+            }
+        }
+        (sum, left_out)
+    }
+
+    fn variance(&self, stderr: &[half::f16]) -> f32 {
+        let mut sum = 0.0;
+        for (w, s) in self.variance.iter().zip(stderr) {
+            let s = s.to_f32();
+            sum += w * s * s;
+        }
+        sum
+    }
+}
+
+/// What one brick gave.
+#[derive(Clone, Copy, Default)]
+struct BrickTotals {
+    variance: f64,
+    radiance: f64,
+    texels: u64,
+    left_out: f32,
+}
+
+/// Multiplies the transfer of `bricks` (ascending, as [`crate::transfer::Selection::bricks`] gives them) with a light.
+///
+/// # Errors
+/// Those of the source.
+pub fn contract(
+    source: &dyn BrickSource,
+    bricks: &[[usize; 3]],
+    light: &Light,
+    material: &Material,
+) -> Result<Contracted> {
+    let layout = source.layout();
+    let weights = Weights::new(&layout.layers, light, material);
+    let [bx, by, bz] = layout.lattice.bricks();
+    let mut slots = vec![NO_BRICK; bx * by * bz];
+    for (slot, b) in bricks.iter().enumerate() {
+        slots[b[0] + bx * (b[1] + by * b[2])] = slot as u32;
+    }
+    let mut radiance = vec![[0.0, 0.0, 0.0, -1.0]; bricks.len() * BRICK_TEXELS];
+    let totals = radiance
+        .par_chunks_mut(BRICK_TEXELS)
+        .zip(bricks)
+        .map_init(Vec::new, |buffer, (out, &index)| {
+            Ok(match source.brick(index)? {
+                Some(view) => contract_brick(&view, &layout.layers, &weights, out, buffer),
+                None => BrickTotals::default(),
+            })
+        })
+        .collect::<Result<Vec<BrickTotals>>>()?;
+    let mut sum = BrickTotals::default();
+    for t in totals {
+        sum.variance += t.variance;
+        sum.radiance += t.radiance;
+        sum.texels += t.texels;
+        sum.left_out = sum.left_out.max(t.left_out);
+    }
+    let n = sum.texels.max(1) as f64;
+    let noise = Noise { rms: (sum.variance / n).sqrt(), mean_radiance: sum.radiance / n, texels: sum.texels };
+    Ok(Contracted { lattice: layout.lattice, slots, radiance, noise, emission_remainder: sum.left_out })
+}
+
+fn contract_brick(
+    view: &BrickView<'_>,
+    layers: &Layers,
+    weights: &Weights,
+    out: &mut [[f32; 4]],
+    buffer: &mut Vec<f32>,
+) -> BrickTotals {
+    let (coefficients, errors) = (layers.coefficients(), layers.errors());
+    buffer.resize(coefficients, 0.0);
+    let mut totals = BrickTotals::default();
+    for (t, out) in out.iter_mut().enumerate() {
+        let stored = &view.transfer[t * coefficients..(t + 1) * coefficients];
+        if view.validity[t] & validity::VALID == 0 {
+            let baked = !stored[0].is_nan();
+            *out = [0.0, 0.0, 0.0, if baked { 0.0 } else { -1.0 }];
+            continue;
+        }
+        stored.convert_to_f32_slice(buffer);
+        let (rgb, left_out) = weights.texel(buffer, layers);
+        *out = [rgb.x, rgb.y, rgb.z, 1.0];
+        totals.variance += f64::from(weights.variance(&view.stderr[t * errors..(t + 1) * errors]));
+        totals.radiance += f64::from(rgb.x + rgb.y + rgb.z) / 3.0;
+        totals.texels += 1;
+        totals.left_out = totals.left_out.max(left_out);
+    }
+    totals
+}
+
+impl Contracted {
+    /// Radiance and weight of a texel: 1 valid, 0 without a level set, −1 never baked or not contracted.
+    #[inline]
+    pub(super) fn texel(&self, texel: [usize; 3]) -> [f32; 4] {
+        let [bx, by, _] = self.lattice.bricks();
+        let slot = self.slots[texel[0] / BRICK + bx * (texel[1] / BRICK + by * (texel[2] / BRICK))];
+        if slot == NO_BRICK {
+            return [0.0, 0.0, 0.0, -1.0];
+        }
+        let inner = texel[0] % BRICK + BRICK * (texel[1] % BRICK + BRICK * (texel[2] % BRICK));
+        self.radiance[slot as usize * BRICK_TEXELS + inner]
+    }
+
+    /// Number of bricks contracted.
+    pub fn bricks(&self) -> usize {
+        self.radiance.len() / BRICK_TEXELS
+    }
+}

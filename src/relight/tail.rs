@@ -1,0 +1,63 @@
+//! What comes after the last stored layer, and emission: closed forms in the chances to escape.
+//!
+//! With a_k = sqrt(4π) T_k,00 the chance to escape after exactly k bounces, S_k = 1 − Σ_{j<k} a_j the
+//! chance to survive k hits, and K the last stored layer, the layers beyond are taken to
+//! fall geometrically, a_{K+j} = a_K r^j, with r = min(a_K/a_{K−1}, S_{K+1}/(S_{K+1}+a_K)). The second
+//! term keeps Σ a ≤ 1.
+
+/// The tail of one texel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tail {
+    /// Ratio of successive layers beyond the last; 0 = no tail.
+    pub ratio: f32,
+    /// a_K.
+    last: f32,
+    /// S_{K+1}.
+    survival: f32,
+}
+
+impl Tail {
+    /// From the chances to escape a_0…a_K; one layer alone has no tail.
+    pub fn new(escapes: &[f32]) -> Self {
+        let survival = (1.0 - escapes.iter().sum::<f32>()).max(0.0);
+        let [.., before, last] = escapes else {
+            return Self { ratio: 0.0, last: escapes.first().copied().unwrap_or(0.0), survival };
+        };
+        let (before, last) = (*before, *last);
+        let ratio = if before > 0.0 && last > 0.0 { (last / before).min(survival / (survival + last)) } else { 0.0 };
+        Self { ratio, last, survival }
+    }
+
+    /// Factor g of the tail: beyond the last layer's ρ^(K+1)⟨T_K, L⟩ comes g times it, g = ρ r/(1 − ρ r).
+    #[inline(always)]
+    pub fn gain(&self, albedo: f32) -> f32 {
+        let x = albedo * self.ratio;
+        x / (1.0 - x)
+    }
+
+    /// Exitant radiance per emitted radiance,
+    /// Σ_{k=0}^{K+1} ρ^k S_k + ρ^(K+2) (S_∞/(1−ρ) + a_K r²/((1−r)(1−ρ r))),
+    /// S_∞ = max(0, S_{K+1} − a_K r/(1−r)); and what was left out: for ρ = 1 the sum over S_∞ has no end
+    /// and stops at K+1, with S_∞ as the remainder per further bounce.
+    pub fn emission(&self, escapes: &[f32], albedo: f32) -> (f32, f32) {
+        let mut sum = 0.0;
+        let mut power = 1.0;
+        let mut survive = 1.0f32;
+        for a in escapes {
+            sum += power * survive.max(0.0);
+            survive -= a;
+            power *= albedo;
+        }
+        sum += power * self.survival;
+        power *= albedo;
+        let r = self.ratio;
+        let escaped = self.last * r / (1.0 - r);
+        let forever = (self.survival - escaped).max(0.0);
+        let decaying = self.last * r * r / ((1.0 - r) * (1.0 - albedo * r));
+        if albedo < 1.0 {
+            (sum + power * (forever / (1.0 - albedo) + decaying), 0.0)
+        } else {
+            (sum + power * decaying, forever)
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! The preview picture.
+
+use super::Camera;
+use crate::geom::Bounds;
+use crate::level::{Counts, LevelField, Outcome, Pyramid, Start};
+use crate::relight::{Contracted, Light, LookupReport, Material};
+use crate::volume::{Sample, Volume, with_samples};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+/// Size and sampling of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RenderOptions {
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// Rays along each side of a pixel: n² rays a pixel, on a regular grid.
+    pub supersampling: usize,
+}
+
+/// A picture in linear radiance, not yet exposed.
+pub struct Picture {
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// Red, green, blue, coverage; the colour is premultiplied by the coverage. Row by row from the top.
+    pub pixels: Vec<[f32; 4]>,
+    /// Camera rays: their own count, apart from the rays of the transport.
+    pub counts: Counts,
+    /// How the lookups went.
+    pub report: LookupReport,
+}
+
+/// Ray-traces the level set of `isovalue` (a value of the file) with the radiance of `contracted`.
+///
+/// Where a ray enters the box inside the solid it sees a cut face; that has no surface point, so it is shaded as
+/// an unoccluded one of the box face, at half strength.
+pub fn render(
+    volume: &Volume,
+    pyramid: &Pyramid,
+    isovalue: f64,
+    contracted: &Contracted,
+    light: &Light,
+    material: &Material,
+    camera: &Camera,
+    options: &RenderOptions,
+) -> Picture {
+    let mut pixels = vec![[0.0; 4]; options.width * options.height];
+    let totals: Vec<(Counts, LookupReport)> = with_samples!(volume.samples(), s => {
+        let scene = Scene {
+            field: LevelField::new(volume, s, pyramid),
+            volume,
+            isovalue: volume.raw_from_value(isovalue) as f32,
+            contracted, light, material, camera, options,
+            clip: clip_box(volume),
+        };
+        pixels.par_chunks_mut(options.width).enumerate().map(|(y, row)| scene.row(y, row)).collect()
+    });
+    let (mut counts, mut report) = (Counts::default(), LookupReport::default());
+    for (c, r) in totals {
+        counts += c;
+        report += r;
+    }
+    Picture { width: options.width, height: options.height, pixels, counts, report }
+}
+
+struct Scene<'a, T> {
+    field: LevelField<'a, T>,
+    volume: &'a Volume,
+    isovalue: f32,
+    contracted: &'a Contracted,
+    light: &'a Light,
+    material: &'a Material,
+    camera: &'a Camera,
+    options: &'a RenderOptions,
+    clip: Bounds,
+}
+
+fn clip_box(volume: &Volume) -> Bounds {
+    let last = volume.dims().map(|d| (d - 1) as f64);
+    Bounds { min: DVec3::ZERO, max: DVec3::from_array(last) }
+}
+
+impl<T: Sample> Scene<'_, T> {
+    fn row(&self, y: usize, row: &mut [[f32; 4]]) -> (Counts, LookupReport) {
+        let (mut counts, mut report) = (Counts::default(), LookupReport::default());
+        let n = self.options.supersampling.max(1);
+        let (width, height) = (self.options.width as f64, self.options.height as f64);
+        let aspect = width / height;
+        for (x, pixel) in row.iter_mut().enumerate() {
+            let mut sum = [0.0f32; 4];
+            for sub in 0..n * n {
+                let px = (x as f64 + ((sub % n) as f64 + 0.5) / n as f64) / width * 2.0 - 1.0;
+                let py = 1.0 - (y as f64 + ((sub / n) as f64 + 0.5) / n as f64) / height * 2.0;
+                let (origin, direction) = self.camera.ray(px, py, aspect);
+                if let Some(rgb) = self.shade(origin, direction, &mut counts, &mut report) {
+                    for c in 0..3 {
+                        sum[c] += rgb[c];
+                    }
+                    sum[3] += 1.0;
+                }
+            }
+            *pixel = sum.map(|v| v / (n * n) as f32);
+        }
+        (counts, report)
+    }
+
+    fn shade(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        counts: &mut Counts,
+        report: &mut LookupReport,
+    ) -> Option<[f32; 3]> {
+        let grid_from_world = self.volume.world_from_grid().inverse();
+        let origin = grid_from_world.point(origin);
+        let direction = grid_from_world.vector(direction).normalize();
+        let (entry, face) = enter(&self.clip, origin, direction)?;
+        let at = self.field.locate(entry.to_array());
+        if self.field.sign() * (self.field.raw_value(&at) - self.isovalue) > 0.0 {
+            // A cut through the solid: the normal of the box face, as a covector.
+            let mut gradient = Vec3::ZERO;
+            gradient[face] = direction[face].signum() as f32;
+            let normal = (self.volume.world_from_grid().gradient_matrix() * -gradient).normalize_or_zero();
+            let open = self.light.unoccluded(normal.to_array());
+            return Some(std::array::from_fn(|c| 0.5 * self.material.albedo[c] * open[c].max(0.0)));
+        }
+        match self.field.trace(self.isovalue, &Start::beside(at), direction.as_vec3(), counts) {
+            Outcome::Hit(hit) => {
+                let normal = self.field.normal(&hit.at).map_or([0.0, 0.0, 1.0], |n| n.vec().to_array());
+                let position = hit.at.in_grid().to_array();
+                Some(self.contracted.radiance_at(position, normal, self.light, self.material, report))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Where a ray enters a box, and through which pair of faces; `None` when it misses.
+fn enter(clip: &Bounds, origin: DVec3, direction: DVec3) -> Option<(DVec3, usize)> {
+    let (mut near, mut far, mut face) = (0.0f64, f64::INFINITY, 0);
+    for a in 0..3 {
+        if direction[a] == 0.0 {
+            if origin[a] < clip.min[a] || origin[a] > clip.max[a] {
+                return None;
+            }
+            continue;
+        }
+        let (s, t) = ((clip.min[a] - origin[a]) / direction[a], (clip.max[a] - origin[a]) / direction[a]);
+        let (s, t) = if s < t { (s, t) } else { (t, s) };
+        if s > near {
+            (near, face) = (s, a);
+        }
+        far = far.min(t);
+    }
+    (near < far).then(|| (origin + direction * near, face))
+}
