@@ -32,7 +32,7 @@ pub const fn hash(seed: u64, item: u64, sample: u32, dimension: u32) -> u32 {
 #[inline(always)]
 pub const fn unit_interval(bits: u32) -> f32 {
     const STEP: f32 = 1.0 / (1 << 24) as f32;
-    (bits >> 8) as f32 * STEP
+    (bits >> 8) as i32 as f32 * STEP
 }
 
 /// A uniform number in [0, 1) from [`hash`].
