@@ -17,6 +17,9 @@
 //!
 //! A texel that was not baked holds NaN in all coefficients, one without a usable normal holds 0.
 
+pub mod store;
+pub mod texture;
+
 use crate::error::{Error, Result};
 use half::f16;
 
