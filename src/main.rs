@@ -1,1 +1,3 @@
+//! The isolume program; everything is in [`isolume::cli`].
+
 fn main() {}
