@@ -171,7 +171,11 @@ pub(super) fn cycles(solid: u8, joined: &[bool; 6]) -> Vec<Vec<u8>> {
             let leaves = |k: usize| is_solid(solid, corners[k % 4]) && !is_solid(solid, corners[(k + 1) % 4]);
             // Forwards finds the end of the solid corners just entered and cuts them off; where
             // the solid joins across the face, backwards cuts off the lit ones.
-            let other = if is_ambiguous(solid, face) && joined[face] { i + 3 } else { (i + 1..i + 4).find(|&k| leaves(k)).unwrap_or(i) };
+            let other = if is_ambiguous(solid, face) && joined[face] {
+                i + 3
+            } else {
+                (i + 1..i + 4).find(|&k| leaves(k)).unwrap_or(i)
+            };
             let edge = |k: usize| edge_between(corners[k % 4], corners[(k + 1) % 4]);
             next[edge(i)] = edge(other) as u8;
         }
@@ -239,7 +243,8 @@ mod tests {
     #[test]
     fn a_single_solid_corner_is_seen_from_the_lit_side() {
         for corner in 0..8 {
-            let plan = TABLE.plans[usize::from(TABLE.configurations[usize::from(TABLE.patterns[1 << corner].first)].disks)];
+            let plan =
+                TABLE.plans[usize::from(TABLE.configurations[usize::from(TABLE.patterns[1 << corner].first)].disks)];
             let [triangle] = TABLE.triangles(plan) else { panic!("one triangle") };
             let [p, q, r] = triangle.map(|e| DVec3::from(edge_middle(e.into()).map(f64::from)));
             let away = DVec3::ONE - DVec3::from([0, 1, 2].map(|a| 2.0 * (corner >> a & 1) as f64));
@@ -265,7 +270,10 @@ mod tests {
             // The sides of a cycle are the same wherever one looks.
             for cycle in &cycles {
                 for k in 0..cycle.len() {
-                    assert_eq!(sides(solid, &cycle[k..], &configuration.regions), sides(solid, cycle, &configuration.regions));
+                    assert_eq!(
+                        sides(solid, &cycle[k..], &configuration.regions),
+                        sides(solid, cycle, &configuration.regions)
+                    );
                 }
             }
         }
