@@ -95,8 +95,7 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
         decode::text(&mut source, NAME, kind, count)?
     };
     source.verify_end(NAME)?;
-    let world_from_grid =
-        affine(NAME, DMat3::from_diagonal(DVec3::from_array(spacing)), DVec3::from_array(origin))?;
+    let world_from_grid = affine(NAME, DMat3::from_diagonal(DVec3::from_array(spacing)), DVec3::from_array(origin))?;
     let (dims, unit) = (dims.map(|d| d as usize), LengthUnit::Unknown);
     assemble(Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, notes }, hint)
 }
