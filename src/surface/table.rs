@@ -318,6 +318,41 @@ mod tests {
         }
     }
 
+    /// A tunnel between two regions connects the cycle that borders the one and faces the other
+    /// with its counterpart, and no further cycle.
+    #[test]
+    fn tunnels_connect_the_cycles_between_their_regions() {
+        for (solid, joined, configuration) in all_configurations() {
+            let cycles = cycles(solid, &joined);
+            for (pair, plan) in &configuration.tunnels {
+                // Spread from the first edge of each cycle over triangles to the cycles reached.
+                let triangles = TABLE.triangles(TABLE.plans[usize::from(*plan)]);
+                let reached = |cycle: &[u8]| {
+                    let mut seen = HashSet::from([cycle[0]]);
+                    for _ in triangles {
+                        for t in triangles.iter().filter(|t| t.iter().any(|v| seen.contains(v))).collect::<Vec<_>>() {
+                            seen.extend(t);
+                        }
+                    }
+                    seen
+                };
+                let mut merged = Vec::new();
+                for c in &cycles {
+                    let seen = reached(c);
+                    let count = cycles.iter().filter(|other| seen.contains(&other[0])).count();
+                    assert!(count <= 2);
+                    if count == 2 {
+                        merged.push(sides(solid, c, &configuration.regions));
+                    }
+                }
+                let [a, b] = merged[..] else { panic!("{solid:08b} {joined:?}: {merged:?}") };
+                let side = usize::from(a[0] == b[0]);
+                assert_eq!(a[1 - side], b[1 - side]);
+                assert_eq!([a[side].min(b[side]), a[side].max(b[side])], *pair);
+            }
+        }
+    }
+
     #[test]
     fn census_of_the_table() {
         let inner = |n: u8| TABLE.plans.iter().filter(|p| p.inner == n).count();

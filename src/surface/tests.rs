@@ -141,7 +141,7 @@ fn every_pattern_has_the_topology_of_the_refined_cell() {
         let corner = (4.0 * uniform.next()) as usize;
         std::array::from_fn(|k| {
             let magnitude = (0.05 + uniform.next()) * if k == corner || k == 7 - corner { boost } else { 1.0 };
-            if case / 40 >> k & 1 == 1 { magnitude } else { -magnitude }
+            if (case / 40) >> k & 1 == 1 { magnitude } else { -magnitude }
         })
     });
     println!("{tunnels} tunnels");
