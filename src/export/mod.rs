@@ -189,9 +189,10 @@ impl ExportMesh<'_> {
             let p = self.positions.from_centre(v, centre);
             (!p.is_finite()).then(|| p.to_string())
         })?;
+        let unit = 1.0 - NORMAL_LENGTH_TOLERANCE..=1.0 + NORMAL_LENGTH_TOLERANCE;
         check_each("mesh normal", count, "a unit vector", |v| {
             let n = self.normals_in_world[v];
-            (!((n.length() - 1.0).abs() <= NORMAL_LENGTH_TOLERANCE)).then(|| n.to_string())
+            (!unit.contains(&n.length())).then(|| n.to_string())
         })?;
         check_each("mesh colour", count, "linear channels in [0, 1]; lower the exposure", |v| {
             let c = self.colours[v];

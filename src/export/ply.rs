@@ -55,8 +55,7 @@ pub fn write(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, options: &Ply
 fn needs_double(mesh: &ExportMesh<'_>) -> bool {
     let bounds = mesh.box_in_world;
     let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
-    // The negation also takes the double where a box without extent compares as NaN.
-    !(largest / f64::from(1 << 24) <= 1e-6 * bounds.size().max_element())
+    largest / f64::from(1 << 24) > 1e-6 * bounds.size().max_element()
 }
 
 fn header(mesh: &ExportMesh<'_>, options: &PlyOptions, double: bool) -> String {
