@@ -2,13 +2,9 @@
 
 use super::{Note, Raw, ReadOptions, check_size, damaged};
 use crate::error::Result;
+use crate::scene::srgb::linear_from_srgb;
 use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::io::Cursor;
-
-/// Linear value of an sRGB-encoded one in [0, 1] (IEC 61966-2-1:1999).
-pub(crate) fn linear_from_srgb(v: f64) -> f64 {
-    if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }
-}
 
 pub(super) fn read(bytes: &[u8], kind: ImageFormat, options: &ReadOptions) -> Result<Raw> {
     let format = if kind == ImageFormat::Png { "PNG" } else { "JPEG" };
