@@ -13,7 +13,10 @@ fn main() -> isolume::Result<()> {
     let number = |i: usize, default: f64| args.get(i).and_then(|s| s.parse().ok()).unwrap_or(default);
     let name = args.first().map_or("bumpbox:64", String::as_str);
     let start = Instant::now();
-    let volume = isolume::volume::open(Path::new(name))?;
+    let volume = match isolume::volume::field::by_name(name)? {
+        Some(field) => field.sample()?,
+        None => isolume::volume::open(Path::new(name))?,
+    };
     let read = start.elapsed().as_secs_f64();
     let pyramid = Pyramid::new(&volume);
     let settings = Settings {
