@@ -56,6 +56,17 @@ impl Selection {
         self.bits[i / 64] >> (i % 64) & 1 == 1
     }
 
+    /// Adds one texel.
+    ///
+    /// # Panics
+    /// When it is beyond the lattice.
+    pub fn insert(&mut self, texel: [usize; 3]) {
+        let m = self.lattice.texels();
+        assert!((0..3).all(|a| texel[a] < m[a]), "texel {texel:?} of {m:?}");
+        let i = self.index(texel);
+        self.bits[i / 64] |= 1 << (i % 64);
+    }
+
     /// Adds the texels that a trilinear lookup anywhere in a cell of the grid reads.
     pub fn insert_cell(&mut self, cell: [usize; 3]) {
         let m = self.lattice.texels();

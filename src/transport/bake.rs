@@ -5,7 +5,7 @@
 use super::path::{Scratch, Settings, TexelEstimate, estimate};
 use super::summary::{ERROR_BINS, Summary};
 use crate::error::{Error, Result};
-use crate::level::{LevelField, Pyramid};
+use crate::level::{Counts, LevelField, Pyramid, Site};
 use crate::transfer::{BRICK, BRICK_TEXELS, Brick, CHUNK, Layout, Selection, validity};
 use crate::volume::{Sample, Volume, with_samples};
 use half::f16;
@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Chunks computed together: enough work to keep all threads busy, little enough to hold.
-const GROUP: usize = 8;
+pub(super) const GROUP: usize = 8;
 
 /// Everything a bake reads.
 pub struct Bake<'a> {
@@ -50,7 +50,7 @@ pub struct BrickOutput {
 }
 
 impl Bake<'_> {
-    fn check(&self) -> Result<()> {
+    pub(super) fn check(&self) -> Result<()> {
         if self.volume.dims().iter().any(|&d| d < 2) {
             let d = self.volume.dims();
             return Err(Error::argument(
@@ -95,18 +95,33 @@ pub fn bake(
     sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
 ) -> Result<Summary> {
     bake.check()?;
-    with_samples!(bake.volume.samples(), s => run(s, bake, chunks, progress, present, sink))
+    with_samples!(bake.volume.samples(), s => {
+        let field = LevelField::new(bake.volume, s, bake.pyramid);
+        run(&field, bake, &by_path(&field, bake), chunks, progress, present, sink)
+    })
 }
 
-fn run<T: Sample>(
-    samples: &[T],
+/// What an estimator does for one texel: its site and its linear index in the lattice are given.
+pub(super) type Estimator<'a> = dyn Fn(&Site, u64, &mut Scratch, &mut Counts, &mut TexelEstimate) + Sync + 'a;
+
+/// The default estimator.
+fn by_path<'a, T: Sample>(
+    field: &'a LevelField<'_, T>,
+    bake: &'a Bake<'_>,
+) -> impl Fn(&Site, u64, &mut Scratch, &mut Counts, &mut TexelEstimate) + Sync + 'a {
+    |site, item, scratch, counts, out| estimate(field, site, item, bake.settings, scratch, counts, out)
+}
+
+/// The loop over chunks, for any estimator.
+pub(super) fn run<T: Sample>(
+    field: &LevelField<'_, T>,
     bake: &Bake<'_>,
+    estimator: &Estimator<'_>,
     chunks: &[[usize; 3]],
     progress: &Progress,
     present: &(dyn Fn([usize; 3]) -> Result<Option<Vec<Option<Brick>>>> + Sync),
     sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
 ) -> Result<Summary> {
-    let field = LevelField::new(bake.volume, samples, bake.pyramid);
     let mut total = Summary::new(bake.settings.layers.len());
     const PER_SIDE: usize = CHUNK / BRICK;
     const BRICKS: usize = PER_SIDE * PER_SIDE * PER_SIDE;
@@ -125,7 +140,7 @@ fn run<T: Sample>(
                 if progress.cancel.load(Ordering::Relaxed) || !bake.selection.touches_brick(index) {
                     return old.map(|brick| BrickOutput { brick: brick.clone(), summary: Summary::default() });
                 }
-                let output = brick_with(&field, bake, index, old, scratch);
+                let output = brick_with(field, bake, estimator, index, old, scratch);
                 progress.texels.fetch_add(output.summary.texels, Ordering::Relaxed);
                 progress.rays.fetch_add(output.summary.counts.rays, Ordering::Relaxed);
                 Some(output)
@@ -153,13 +168,14 @@ pub fn bake_brick(bake: &Bake<'_>, index: [usize; 3]) -> Result<BrickOutput> {
     bake.check()?;
     Ok(with_samples!(bake.volume.samples(), s => {
         let field = LevelField::new(bake.volume, s, bake.pyramid);
-        brick_with(&field, bake, index, None, &mut Scratch::default())
+        brick_with(&field, bake, &by_path(&field, bake), index, None, &mut Scratch::default())
     }))
 }
 
 fn brick_with<T: Sample>(
     field: &LevelField<'_, T>,
     bake: &Bake<'_>,
+    estimator: &Estimator<'_>,
     index: [usize; 3],
     old: Option<&Brick>,
     scratch: &mut Scratch,
@@ -187,7 +203,7 @@ fn brick_with<T: Sample>(
             continue;
         };
         let item = (texel[0] + mx * (texel[1] + my * texel[2])) as u64;
-        estimate(field, &site, item, bake.settings, scratch, &mut summary.counts, &mut texel_estimate);
+        estimator(&site, item, scratch, &mut summary.counts, &mut texel_estimate);
         transfer.convert_from_f32_slice(&texel_estimate.transfer);
         stderr.convert_from_f32_slice(&texel_estimate.stderr);
         brick.validity[t] = validity::VALID | if site.clamped { validity::CLAMPED } else { 0 };

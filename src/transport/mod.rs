@@ -11,6 +11,7 @@
 //! differ in keeping the layers apart and free of albedo).
 
 mod bake;
+mod gather;
 mod path;
 mod summary;
 
@@ -18,6 +19,7 @@ mod summary;
 mod tests;
 
 pub use bake::{Bake, BrickOutput, Progress, bake, bake_brick, pilot};
+pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};
 pub use path::{ReplayedPath, Settings, TexelEstimate, replay};
 pub use summary::Summary;
 

@@ -61,12 +61,12 @@ pub struct TexelEstimate {
 #[derive(Default)]
 pub(super) struct Scratch {
     alive: Vec<Alive>,
-    escaped: Vec<Vec3>,
-    blocked: Vec<Vec3>,
+    pub(super) escaped: Vec<Vec3>,
+    pub(super) blocked: Vec<Vec3>,
     // Σ Y over the paths of a replicate, [replicate][coefficient].
-    sums: Vec<f32>,
+    pub(super) sums: Vec<f32>,
     // Σ Y over the first directions that were blocked, [replicate][coefficient of layer 0].
-    blocked_sums: Vec<f32>,
+    pub(super) blocked_sums: Vec<f32>,
 }
 
 /// A path that is still travelling.
@@ -177,7 +177,7 @@ fn continuation<T: Sample>(field: &LevelField<'_, T>, outcome: Outcome) -> Optio
 }
 
 /// Means and standard errors from the sums of the replicates.
-fn combine(
+pub(super) fn combine(
     normal: Normal,
     settings: &Settings,
     scratch: &Scratch,

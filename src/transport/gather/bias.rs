@@ -1,0 +1,211 @@
+//! How far the cache has moved the result: a sample of texels traced again by `path`.
+
+use super::super::path::{Scratch, Settings, TexelEstimate, estimate};
+use super::cache::{Cache, Lookups};
+use super::estimate::Pass;
+use super::{Stream, stream_seed};
+use crate::level::{Counts, LevelField};
+use crate::sampling::hash::uniform;
+use crate::sampling::statistics::Running;
+use crate::transfer::{BRICK, BRICK_TEXELS, Lattice, Layers};
+use crate::volume::Sample;
+use rayon::prelude::*;
+
+/// Albedo at which the bias is told, the default of relighting.
+pub(super) const ALBEDO: f64 = 0.7;
+
+/// Rays of `path` for each ray of the final gather.
+const REFERENCE_RAYS: u32 = 4;
+
+/// The bias of a gather, estimated from a fixed random sample of its valid texels.
+///
+/// Of A = Σ_k ρ^(k+1) a_k at ρ = 0.7, the radiance under a constant unit environment. Each texel of the
+/// sample is gathered twice and traced by `path` twice, all with numbers of their own: the two
+/// differences d, d' have the same mean, the texel's bias, and independent noise, so that the mean of
+/// d·d' is the mean squared bias with no noise in it. What all texels share, the noise of the cache
+/// itself, counts as bias here. Standard errors are those of a random sample of texels.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Bias {
+    /// Texels in the sample; 0 when there is nothing to tell (one layer, no valid texel).
+    pub texels: u64,
+    /// Mean of A by `path` over the sample: what to hold the others against.
+    pub ambient: f64,
+    /// Mean of gather − path.
+    pub mean: f64,
+    /// Its standard error.
+    pub mean_stderr: f64,
+    /// Root mean square of gather − path, the noise of one final gather and of `path` at 4 times its rays
+    /// included.
+    pub rms_difference: f64,
+    /// Its standard error.
+    pub rms_difference_stderr: f64,
+    /// Root mean square of the bias alone; 0 when its estimated square is negative.
+    pub rms: f64,
+    /// Standard error of the square of `rms`.
+    pub square_stderr: f64,
+}
+
+/// A of one texel: two gathers, two paths.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Sampled {
+    pub gathered: [f64; 2],
+    pub traced: [f64; 2],
+}
+
+impl Bias {
+    /// Statistics of a sample.
+    pub(super) fn of(sample: &[Sampled]) -> Self {
+        let mut ambient = Running::new();
+        let mut difference = Running::new();
+        let mut square = Running::new();
+        let mut product = Running::new();
+        for s in sample {
+            let traced = 0.5 * (s.traced[0] + s.traced[1]);
+            ambient.push(traced);
+            difference.push(0.5 * (s.gathered[0] + s.gathered[1]) - traced);
+            square.push((s.gathered[0] - traced).powi(2));
+            product.push((s.gathered[0] - s.traced[0]) * (s.gathered[1] - s.traced[1]));
+        }
+        let rms_difference = square.mean().sqrt();
+        Self {
+            texels: sample.len() as u64,
+            ambient: ambient.mean(),
+            mean: difference.mean(),
+            mean_stderr: difference.standard_error(),
+            rms_difference,
+            // d sqrt(q) = dq / (2 sqrt(q)).
+            rms_difference_stderr: if rms_difference > 0.0 {
+                0.5 * square.standard_error() / rms_difference
+            } else {
+                0.0
+            },
+            rms: product.mean().max(0.0).sqrt(),
+            square_stderr: product.standard_error(),
+        }
+    }
+
+    /// Bias over the mean radiance, mean and root mean square; 0 for a black volume.
+    pub fn relative(&self) -> [f64; 2] {
+        if self.ambient > 0.0 { [self.mean / self.ambient, self.rms / self.ambient] } else { [0.0; 2] }
+    }
+}
+
+/// A = Σ_k ρ^(k+1) a_k of an estimate.
+pub(super) fn ambient(transfer: &[f32], layers: &Layers) -> f64 {
+    let root_four_pi = 2.0 * std::f64::consts::PI.sqrt();
+    let mut power = 1.0;
+    let mut sum = 0.0;
+    for k in 0..layers.len() {
+        power *= ALBEDO;
+        sum += power * root_four_pi * f64::from(transfer[layers.offset(k)]);
+    }
+    sum
+}
+
+/// A fixed random sample of `count` valid texels (fewer where some are drawn twice), in the order
+/// of the cache.
+pub(super) fn pick(cache: &Cache, lattice: &Lattice, seed: u64, count: usize) -> Vec<[usize; 3]> {
+    let valid = cache.valid().iter().filter(|&&v| v).count() as u64;
+    if valid == 0 {
+        return Vec::new();
+    }
+    let item = stream_seed(seed, Stream::Pick);
+    // 48 bits: enough to reach every texel.
+    let mut ranks: Vec<u64> = (0..count as u32)
+        .map(|i| {
+            let (high, low) = (f64::from(uniform(seed, item, i, 0)), f64::from(uniform(seed, item, i, 1)));
+            (((high + low / f64::from(1 << 24)) * valid as f64) as u64).min(valid - 1)
+        })
+        .collect();
+    ranks.sort_unstable();
+    ranks.dedup();
+    let mut wanted = ranks.into_iter().peekable();
+    let mut picked = Vec::new();
+    let mut rank = 0;
+    for (at, _) in cache.valid().iter().enumerate().filter(|&(_, &v)| v) {
+        if wanted.next_if_eq(&rank).is_some() {
+            let (brick, t) = (cache.bricks()[at / BRICK_TEXELS], at % BRICK_TEXELS);
+            let inner = [t % BRICK, t / BRICK % BRICK, t / BRICK / BRICK];
+            picked.push(std::array::from_fn(|a| brick[a] * BRICK + inner[a]));
+        }
+        rank += 1;
+    }
+    debug_assert!(picked.iter().all(|p: &[usize; 3]| (0..3).all(|a| p[a] < lattice.texels()[a])));
+    picked
+}
+
+/// Gathers and traces the sample. `settings` are those of the final gather.
+pub(super) fn sample<T: Sample>(
+    field: &LevelField<'_, T>,
+    cache: &Cache,
+    lattice: &Lattice,
+    settings: &Settings,
+    texels: &[[usize; 3]],
+) -> (Vec<Sampled>, Counts) {
+    let with_seed = |stream, rays| Settings { seed: stream_seed(settings.seed, stream), rays, ..settings.clone() };
+    // The first gather is the one that is stored.
+    let gathers = [
+        Pass::new(cache, settings.clone()),
+        Pass::new(cache, with_seed(Stream::SecondGather, settings.rays)),
+    ];
+    // Together 4 times the rays of the final gather.
+    let rays = settings.rays * (REFERENCE_RAYS / 2);
+    let paths = [with_seed(Stream::Reference(0), rays), with_seed(Stream::Reference(1), rays)];
+    let [mx, my, _] = lattice.texels();
+    let results: Vec<(Option<Sampled>, Counts)> = texels
+        .par_iter()
+        .map_init(Scratch::default, |scratch, &texel| {
+            let mut counts = Counts::default();
+            let mut out = TexelEstimate::default();
+            let Some(site) = field.site(lattice.grid_from_texel(texel)) else { return (None, counts) };
+            let item = (texel[0] + mx * (texel[1] + my * texel[2])) as u64;
+            let mut sampled = Sampled { gathered: [0.0; 2], traced: [0.0; 2] };
+            for i in 0..2 {
+                gathers[i].estimate(field, &site, item, scratch, &mut counts, &mut Lookups::default(), &mut out);
+                sampled.gathered[i] = ambient(&out.transfer, &settings.layers);
+                estimate(field, &site, item, &paths[i], scratch, &mut counts, &mut out);
+                sampled.traced[i] = ambient(&out.transfer, &settings.layers);
+            }
+            (Some(sampled), counts)
+        })
+        .collect();
+    let mut counts = Counts::default();
+    results.iter().for_each(|(_, c)| counts += *c);
+    (results.into_iter().filter_map(|(s, _)| s).collect(), counts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_known_bias_is_told_apart_from_noise() {
+        // Bias of texel i is 0.02 ± 0.01 in turn, so its square is 5e-4 in the mean; noise of the
+        // gathers is uniform with RMS 0.05, of the paths 0.025.
+        let n = 4096;
+        let noise = |i: u32, d: u32, rms: f64| (f64::from(uniform(3, 0, i, d)) - 0.5) * 12.0f64.sqrt() * rms;
+        let sample: Vec<Sampled> = (0..n)
+            .map(|i| {
+                let truth = 0.5 + 0.1 * f64::from(uniform(3, 1, i, 0));
+                let bias = if i % 2 == 0 { 0.03 } else { 0.01 };
+                Sampled {
+                    gathered: [0, 1].map(|d| truth + bias + noise(i, d, 0.05)),
+                    traced: [2, 3].map(|d| truth + noise(i, d, 0.025)),
+                }
+            })
+            .collect();
+        let bias = Bias::of(&sample);
+        let within = |found: f64, expected: f64, error: f64| {
+            assert!((found - expected).abs() < 4.0 * error, "{found} {expected} ± {error}");
+        };
+        within(bias.mean, 0.02, bias.mean_stderr);
+        within(bias.rms.powi(2), 5e-4, bias.square_stderr);
+        // Noise in d: one gather, the mean of two paths.
+        let expected = (5e-4f64 + 0.05f64.powi(2) + 0.5 * 0.025f64.powi(2)).sqrt();
+        within(bias.rms_difference, expected, bias.rms_difference_stderr);
+        // And the errors are what the noise says: sd of the mean difference by its parts.
+        let sd = (0.5 * 0.05f64.powi(2) + 0.5 * 0.025f64.powi(2) + 1e-4f64).sqrt();
+        assert!((bias.mean_stderr * f64::from(n).sqrt() / sd - 1.0).abs() < 0.1);
+        assert_eq!(Bias::of(&[]), Bias::default());
+    }
+}

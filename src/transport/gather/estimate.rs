@@ -1,0 +1,128 @@
+//! One texel of one pass: a path that ends where the cache has transfer.
+
+use super::super::path::{Scratch, Settings, TexelEstimate, combine};
+use super::super::REPLICATES;
+use super::cache::{Cache, EMPTY_ROW, Lookups, Row, Span, spans};
+use crate::geom::Frame;
+use crate::level::{CellPoint, Counts, LevelField, Outcome, Site, Start};
+use crate::sampling::{PathSampler, warp};
+use crate::sh;
+use crate::volume::Sample;
+
+/// What the texels of one pass share.
+pub(super) struct Pass<'a> {
+    cache: &'a Cache,
+    settings: Settings,
+    // What a hit adds, by the number of bounces before it.
+    spans: Vec<Vec<Span>>,
+}
+
+impl<'a> Pass<'a> {
+    /// A pass that estimates the layers of `settings` from the cache.
+    pub(super) fn new(cache: &'a Cache, settings: Settings) -> Self {
+        let layers = &settings.layers;
+        let spans = (0..layers.len()).map(|depth| spans(layers, cache.layers(), depth)).collect();
+        Self { cache, settings, spans }
+    }
+
+    /// Estimates the transfer of one texel; `item` is its linear index in the lattice.
+    ///
+    /// The first rays and the sum of those that escape are those of the estimator `path` under the
+    /// same seed: layer 0 has the same bits.
+    pub(super) fn estimate<T: Sample>(
+        &self,
+        field: &LevelField<'_, T>,
+        site: &Site,
+        item: u64,
+        scratch: &mut Scratch,
+        counts: &mut Counts,
+        lookups: &mut Lookups,
+        out: &mut TexelEstimate,
+    ) {
+        let layers = &self.settings.layers;
+        let coefficients = layers.coefficients();
+        let bands = layers.bands()[0];
+        let direct = bands * bands;
+        scratch.sums.clear();
+        scratch.sums.resize(REPLICATES * coefficients, 0.0);
+        scratch.blocked_sums.clear();
+        scratch.blocked_sums.resize(REPLICATES * direct, 0.0);
+        let mut visible = [0u32; REPLICATES];
+        let mut row = EMPTY_ROW;
+        (out.lost, out.trapped) = (0, 0);
+        let frame = Frame::around(site.normal);
+        for replicate in 0..REPLICATES {
+            let sampler = PathSampler::new(self.settings.seed, item, replicate as u32);
+            let sequence = sampler.sequence(0);
+            let sums = &mut scratch.sums[replicate * coefficients..][..coefficients];
+            scratch.escaped.clear();
+            scratch.blocked.clear();
+            for path in 0..self.settings.points() as u32 {
+                let direction = frame.from_local(warp::square_to_cosine_hemisphere(sequence.point(path)));
+                match field.trace(site.isovalue, &site.start, field.direction_in_grid(direction), counts) {
+                    Outcome::Escaped => {
+                        scratch.escaped.push(direction);
+                        continue;
+                    }
+                    Outcome::Lost => out.lost += 1,
+                    Outcome::Hit(hit) => {
+                        if !self.cache.add(&hit.at, &self.spans[0], sums, &mut row, lookups) {
+                            self.go_on(field, site, hit.at, &sampler, path, sums, &mut row, counts, lookups, out);
+                        }
+                    }
+                }
+                scratch.blocked.push(direction);
+            }
+            sh::basis::accumulate(bands, &scratch.escaped, sums);
+            visible[replicate] = scratch.escaped.len() as u32;
+            if !self.settings.positive {
+                let sums = &mut scratch.blocked_sums[replicate * direct..][..direct];
+                sh::basis::accumulate(bands, &scratch.blocked, sums);
+            }
+        }
+        combine(site.normal, &self.settings, scratch, &visible, out);
+    }
+
+    /// Follows a path from a hit where the cache has nothing until it has, or the path ends.
+    #[cold]
+    fn go_on<T: Sample>(
+        &self,
+        field: &LevelField<'_, T>,
+        site: &Site,
+        mut at: CellPoint,
+        sampler: &PathSampler,
+        path: u32,
+        sums: &mut [f32],
+        row: &mut Row,
+        counts: &mut Counts,
+        lookups: &mut Lookups,
+        out: &mut TexelEstimate,
+    ) {
+        let layers = &self.settings.layers;
+        for depth in 1..layers.len() {
+            let Some(normal) = field.normal(&at) else {
+                out.lost += 1;
+                return;
+            };
+            let local = warp::square_to_cosine_hemisphere(sampler.pair(path, depth as u32));
+            let direction = Frame::around(normal).from_local(local);
+            match field.trace(site.isovalue, &Start::on(at), field.direction_in_grid(direction), counts) {
+                Outcome::Escaped => {
+                    sh::basis::accumulate(layers.bands()[depth], &[direction], &mut sums[layers.offset(depth)..]);
+                    return;
+                }
+                Outcome::Lost => {
+                    out.lost += 1;
+                    return;
+                }
+                Outcome::Hit(hit) => {
+                    if self.cache.add(&hit.at, &self.spans[depth], sums, row, lookups) {
+                        return;
+                    }
+                    at = hit.at;
+                }
+            }
+        }
+        out.trapped += 1;
+    }
+}
