@@ -1,6 +1,8 @@
 //! The estimator `gather` against `path` at equal time: error and bias on four volumes.
 //!
-//! `cargo run --release --example measure-gather -- OUT.csv [VOLUME…]`
+//! `cargo run --release --example measure-gather -- OUT.csv [--short] [VOLUME…]`
+//!
+//! `--short` leaves out what takes longest: four settings instead of seven, `path` to 256 rays only.
 //!
 //! Errors are those of a fixed random sample of valid texels against `path` with other seeds. Time is CPU
 //! time of this process, all threads together, so that other programs disturb it little; `path` is timed
@@ -200,8 +202,9 @@ fn interpolate(points: &[(f64, f64)], x: f64) -> f64 {
 
 fn main() -> Result<(), Failure> {
     let args: Vec<String> = std::env::args().skip(1).collect();
-    let out = args.first().ok_or("usage: measure-gather OUT.csv [VOLUME…]")?;
-    let mut volumes: Vec<&str> = args[1..].iter().map(String::as_str).collect();
+    let out = args.first().ok_or("usage: measure-gather OUT.csv [--short] [VOLUME…]")?;
+    let short = args.iter().any(|a| a == "--short");
+    let mut volumes: Vec<&str> = args[1..].iter().map(String::as_str).filter(|a| !a.starts_with("--")).collect();
     if volumes.is_empty() {
         volumes = vec!["sphere-over-plane:64", "bumpbox:64", "gyroid:64"];
     }
@@ -229,17 +232,25 @@ fn main() -> Result<(), Failure> {
         }
         let reference = Reference::new(&scene, &timed)?;
         let r = reference.noise;
-        println!("{name}: {} texels, reference {:.3} % of T, {:.4} % ambient", reference.texels.len(), 100.0 * r.rms_t, 100.0 * r.ambient);
+        println!(
+            "{name}: {} texels, reference {:.3} % of T, {:.4} % ambient",
+            reference.texels.len(),
+            100.0 * r.rms_t,
+            100.0 * r.ambient
+        );
         let mut rows = Vec::new();
-        let hows: [(u32, u32, u32, CachePrecision); 5] = [
-            (5, 16, 16, CachePrecision::Half),
+        // The first four are the short list.
+        let hows: [(u32, u32, u32, CachePrecision); 7] = [
+            (2, 16, 64, CachePrecision::Half),
             (5, 16, 64, CachePrecision::Half),
-            (5, 16, 64, CachePrecision::Single),
+            (2, 16, 256, CachePrecision::Half),
+            (2, 16, 16, CachePrecision::Half),
             (3, 16, 64, CachePrecision::Half),
+            (5, 16, 64, CachePrecision::Single),
             (5, 16, 256, CachePrecision::Half),
         ];
         let mut valid = 0;
-        for (passes, cache_rays, rays, precision) in hows {
+        for (passes, cache_rays, rays, precision) in hows.into_iter().take(if short { 4 } else { 7 }) {
             let how = GatherSettings { passes, cache_rays, precision, ..GatherSettings::default() };
             let (texture, gathered, seconds) = scene.gather(&scene.settings(rays, 1), &how)?;
             valid = gathered.summary.valid;
@@ -247,11 +258,15 @@ fn main() -> Result<(), Failure> {
             rows.push((how, rays, seconds, e, gathered));
         }
         let mut paths = Vec::new();
-        for rays in [16, 32, 64, 128, 256, 512] {
+        for rays in [16, 32, 64, 128, 256, 512].into_iter().take(if short { 5 } else { 6 }) {
             let (texture, summary, seconds) = scene.path(&timed, &scene.settings(rays, 1))?;
             let seconds = seconds * valid as f64 / summary.valid as f64;
             let e = errors(&reference.read(&texture)?, &reference.transfer);
-            println!("  path {rays:3}: {seconds:7.2} s, T {:6.3} %, ambient {:6.4} %", 100.0 * e.rms_t, 100.0 * e.ambient);
+            println!(
+                "  path {rays:3}: {seconds:7.2} s, T {:6.3} %, ambient {:6.4} %",
+                100.0 * e.rms_t,
+                100.0 * e.ambient
+            );
             let (t, a, mean, sd) = (e.rms_t, e.ambient, e.mean, e.mean_stderr);
             writeln!(csv, "{name},path,,,{rays},,{seconds:.3},{t:.6},{a:.6},{mean:.6},{sd:.6},,,,,,,,,,,,")?;
             paths.push((seconds, e));
@@ -262,23 +277,48 @@ fn main() -> Result<(), Failure> {
         for (how, rays, seconds, e, gathered) in rows {
             let (b, l) = (gathered.bias, gathered.lookups);
             let at = [interpolate(&by_time(|e| e.rms_t), seconds), interpolate(&by_time(|e| e.ambient), seconds)];
-            let needs = [interpolate(&by_error(|e| e.rms_t), e.rms_t), interpolate(&by_error(|e| e.ambient), e.ambient)];
+            let needs =
+                [interpolate(&by_error(|e| e.rms_t), e.rms_t), interpolate(&by_error(|e| e.ambient), e.ambient)];
             let precision = if how.precision == CachePrecision::Half { "f16" } else { "f32" };
             println!(
                 "  gather {}x{} + {rays:3} {precision}: {seconds:7.2} s, T {:6.3} % (path {:6.3}), ambient {:6.4} % (path {:6.4}), \
                  time of path for this: T {:.2}x, ambient {:.2}x; mean {:+.3} ± {:.3} %, told {:+.3} ± {:.3} %, RMS {:.3} %",
-                how.passes - 1, how.cache_rays, 100.0 * e.rms_t, 100.0 * at[0], 100.0 * e.ambient, 100.0 * at[1],
-                needs[0] / seconds, needs[1] / seconds, 100.0 * e.mean, 100.0 * e.mean_stderr,
-                100.0 * b.mean / b.ambient, 100.0 * b.mean_stderr / b.ambient, 100.0 * b.relative()[1]
+                how.passes - 1,
+                how.cache_rays,
+                100.0 * e.rms_t,
+                100.0 * at[0],
+                100.0 * e.ambient,
+                100.0 * at[1],
+                needs[0] / seconds,
+                needs[1] / seconds,
+                100.0 * e.mean,
+                100.0 * e.mean_stderr,
+                100.0 * b.mean / b.ambient,
+                100.0 * b.mean_stderr / b.ambient,
+                100.0 * b.relative()[1]
             );
             let share = |n: u64| n as f64 / l.lookups.max(1) as f64;
             writeln!(
                 csv,
                 "{name},gather,{},{},{rays},{precision},{seconds:.3},{:.6},{:.6},{:.6},{:.6},{:.6},{:.6},{:.6},{:.3e},{:.5},{:.2e},{:.2e},{:.0},{:.6},{:.6},{:.3},{:.3}",
-                how.passes, how.cache_rays, e.rms_t, e.ambient, e.mean, e.mean_stderr,
-                b.mean / b.ambient, b.mean_stderr / b.ambient, b.relative()[1], b.square_stderr / b.ambient.powi(2),
-                share(l.renormalised), share(l.neighbourhood), share(l.continued),
-                gathered.memory as f64 / f64::from(1 << 20), at[0], at[1], needs[0], needs[1]
+                how.passes,
+                how.cache_rays,
+                e.rms_t,
+                e.ambient,
+                e.mean,
+                e.mean_stderr,
+                b.mean / b.ambient,
+                b.mean_stderr / b.ambient,
+                b.relative()[1],
+                b.square_stderr / b.ambient.powi(2),
+                share(l.renormalised),
+                share(l.neighbourhood),
+                share(l.continued),
+                gathered.memory as f64 / f64::from(1 << 20),
+                at[0],
+                at[1],
+                needs[0],
+                needs[1]
             )?;
         }
         std::fs::write(out, &csv)?;

@@ -121,14 +121,12 @@ pub(super) fn pick(cache: &Cache, lattice: &Lattice, seed: u64, count: usize) ->
     ranks.dedup();
     let mut wanted = ranks.into_iter().peekable();
     let mut picked = Vec::new();
-    let mut rank = 0;
-    for (at, _) in cache.valid().iter().enumerate().filter(|&(_, &v)| v) {
-        if wanted.next_if_eq(&rank).is_some() {
+    for (rank, (at, _)) in cache.valid().iter().enumerate().filter(|&(_, &v)| v).enumerate() {
+        if wanted.next_if_eq(&(rank as u64)).is_some() {
             let (brick, t) = (cache.bricks()[at / BRICK_TEXELS], at % BRICK_TEXELS);
             let inner = [t % BRICK, t / BRICK % BRICK, t / BRICK / BRICK];
             picked.push(std::array::from_fn(|a| brick[a] * BRICK + inner[a]));
         }
-        rank += 1;
     }
     debug_assert!(picked.iter().all(|p: &[usize; 3]| (0..3).all(|a| p[a] < lattice.texels()[a])));
     picked
@@ -144,10 +142,8 @@ pub(super) fn sample<T: Sample>(
 ) -> (Vec<Sampled>, Counts) {
     let with_seed = |stream, rays| Settings { seed: stream_seed(settings.seed, stream), rays, ..settings.clone() };
     // The first gather is the one that is stored.
-    let gathers = [
-        Pass::new(cache, settings.clone()),
-        Pass::new(cache, with_seed(Stream::SecondGather, settings.rays)),
-    ];
+    let gathers =
+        [Pass::new(cache, settings.clone()), Pass::new(cache, with_seed(Stream::SecondGather, settings.rays))];
     // Together 4 times the rays of the final gather.
     let rays = settings.rays * (REFERENCE_RAYS / 2);
     let paths = [with_seed(Stream::Reference(0), rays), with_seed(Stream::Reference(1), rays)];

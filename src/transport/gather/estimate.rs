@@ -1,7 +1,7 @@
 //! One texel of one pass: a path that ends where the cache has transfer.
 
-use super::super::path::{Scratch, Settings, TexelEstimate, combine};
 use super::super::REPLICATES;
+use super::super::path::{Scratch, Settings, TexelEstimate, combine};
 use super::cache::{Cache, EMPTY_ROW, Lookups, Row, Span, spans};
 use crate::geom::Frame;
 use crate::level::{CellPoint, Counts, LevelField, Outcome, Site, Start};

@@ -70,13 +70,7 @@ pub struct GatherSettings {
 impl Default for GatherSettings {
     /// 5 passes, 16 rays, 2 GiB, f16, 512 texels.
     fn default() -> Self {
-        Self {
-            passes: 5,
-            cache_rays: 16,
-            memory_limit: 2 << 30,
-            precision: CachePrecision::Half,
-            bias_texels: 512,
-        }
+        Self { passes: 5, cache_rays: 16, memory_limit: 2 << 30, precision: CachePrecision::Half, bias_texels: 512 }
     }
 }
 
