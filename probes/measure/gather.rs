@@ -255,6 +255,7 @@ fn main() -> Result<(), Failure> {
             let (texture, gathered, seconds) = scene.gather(&scene.settings(rays, 1), &how)?;
             valid = gathered.summary.valid;
             let e = errors(&reference.read(&texture)?, &reference.transfer);
+            println!("  gather {}x{cache_rays} + {rays}: {seconds:.2} s, T {:.3} %", passes - 1, 100.0 * e.rms_t);
             rows.push((how, rays, seconds, e, gathered));
         }
         let mut paths = Vec::new();
