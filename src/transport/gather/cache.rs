@@ -170,21 +170,22 @@ pub(super) struct Cache {
     slots: Vec<u32>,
     // Per slot 512: whether the texel has transfer.
     valid: Vec<bool>,
-    // Per slot 512 × coefficients.
+    // Per slot 512 × coefficients; nothing before the first state.
     values: Values,
 }
 
 const NO_BRICK: u32 = u32::MAX;
 
-/// Bytes that a cache of `bricks` bricks takes, both copies (a pass reads one and writes the other).
-pub(super) fn bytes(lattice: &Lattice, layers: &Layers, bricks: u64, precision: CachePrecision) -> u64 {
+/// Bytes that `copies` of a cache of `bricks` bricks take.
+pub(super) fn bytes(lattice: &Lattice, layers: &Layers, bricks: u64, precision: CachePrecision, copies: u64) -> u64 {
     let all: u64 = lattice.bricks().iter().map(|&b| b as u64).product();
-    let texel = 2 * precision.bytes() * layers.coefficients() as u64 + 1;
+    // Flags of the state before and of the one being made.
+    let texel = copies * precision.bytes() * layers.coefficients() as u64 + 2;
     all * 4 + bricks * (BRICK_TEXELS as u64 * texel + size_of::<[usize; 3]>() as u64)
 }
 
 impl Cache {
-    /// A cache without valid texels.
+    /// A cache without valid texels and without room for any; the first [`Cache::replace`] gives both.
     pub(super) fn new(selection: &Selection, layers: Layers, precision: CachePrecision) -> Self {
         let lattice = *selection.lattice();
         let bricks = selection.bricks();
@@ -194,7 +195,7 @@ impl Cache {
             slots[b[0] + bx * (b[1] + by * b[2])] = slot as u32;
         }
         let texels = bricks.len() * BRICK_TEXELS;
-        let values = Values::zeros(precision, texels * layers.coefficients());
+        let values = Values::zeros(precision, 0);
         Self { lattice, layers, valid: vec![false; texels], bricks, slots, values }
     }
 

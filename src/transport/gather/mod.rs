@@ -11,7 +11,7 @@
 //!   their sum could exceed 1. With whole vectors every state of the cache is a mean of vectors
 //!   with Σ_k a_k ≤ 1, any number of layers works with any number of passes, and the cost is at most a few
 //!   rays more for each path of one pass.
-//! * **Middle passes**: `cache_rays` new rays a texel. One that escapes along ω adds Y(ω) to layer 0; one
+//! * **Middle passes** (none by default): `cache_rays` new rays a texel. One that escapes along ω adds Y(ω) to layer 0; one
 //!   that hits x' adds the trilinear T_k(x') to layer k+1 for every k. The cache is the mean of the
 //!   passes so far, all of equal weight: they have equally many rays of their own, independent of each
 //!   other, and the noise that a pass inherits from the cache is averaged over its hits. A pass reads
@@ -81,7 +81,7 @@ impl GatherSettings {
                 "passes",
                 self.passes,
                 "at least 2: one that fills the cache and the final gather",
-                "5 is the default; without a cache use the estimator path",
+                "2 is the default; without a cache use the estimator path",
             ));
         }
         if !self.cache_rays.is_power_of_two() || self.cache_rays < super::REPLICATES as u32 {
@@ -135,7 +135,10 @@ pub fn gather_memory(bake: &Bake<'_>, settings: &GatherSettings) -> u64 {
     let lattice = &bake.layout.lattice;
     let layers = &bake.settings.layers;
     let bricks = bake.selection.bricks().len() as u64;
-    let cache = cached_layers(layers).map_or(0, |cached| cache::bytes(lattice, &cached, bricks, settings.precision));
+    // Later passes read one copy and write another.
+    let copies = if settings.passes > 2 { 2 } else { 1 };
+    let cache =
+        cached_layers(layers).map_or(0, |cached| cache::bytes(lattice, &cached, bricks, settings.precision, copies));
     // A group of chunks, as it was and as it becomes.
     let texel = 2 * layers.coefficients() as u64 + 2 * layers.errors() as u64 + 5;
     let group = bricks.min((GROUP * (CHUNK / BRICK).pow(3)) as u64) * BRICK_TEXELS as u64;
@@ -253,6 +256,10 @@ fn fill<T: Sample>(
     for pass in 0..settings.passes - 1 {
         let (valid, c, l) = one_pass(field, bake, settings, &cache, pass, &mut next, progress);
         cache.replace(&mut next, valid);
+        if pass == 0 && settings.passes > 2 {
+            // The first pass read nothing, so until here there was one copy.
+            next = cache.blank();
+        }
         counts += c;
         lookups += l;
         if progress.cancel.load(Ordering::Relaxed) {

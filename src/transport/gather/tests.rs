@@ -133,7 +133,7 @@ fn the_bowl_lets_half_of_the_light_out_at_every_bounce() {
     let centre = Vec3::new(20.0, 20.0, 20.0);
     let volume = sampled([41, 41, 21], centre, |p| p.length());
     let scene = Scene::new(volume, Layers::uniform(4, 1).unwrap(), 16);
-    let (gathered, bricks) = scene.all(&GatherSettings::default());
+    let (gathered, bricks) = scene.all(&GatherSettings { passes: 5, ..GatherSettings::default() });
     let mut sums = [[0.0f64; 2]; 4];
     let mut n = 0.0;
     for texel in scene.texels() {
@@ -256,11 +256,13 @@ fn the_bytes_do_not_depend_on_threads_or_on_the_chunks_asked_for() {
 #[test]
 fn too_little_memory_is_refused_with_the_amount() {
     let scene = Scene::new(waves([9, 9, 9]), Layers::uniform(4, 5).unwrap(), 16);
-    // 8 bricks of 512 texels: two copies of 75 f16 and a flag, 24 B for each brick's place and 4 for
+    // 8 bricks of 512 texels: two copies of 75 f16 and two flags, 24 B for each brick's place and 4 for
     // its slot; and twice the output of 200 + 40 + 5 B.
     let texels = 8 * 512;
-    let expected = texels * (2 * 75 * 2 + 1) + 8 * 28 + 2 * texels * (200 + 40 + 5);
+    let expected = texels * (2 * 75 * 2 + 2) + 8 * 28 + 2 * texels * (200 + 40 + 5);
     assert_eq!(gather_memory(&scene.job(), &quick()), expected);
+    let one_copy = GatherSettings { passes: 2, ..quick() };
+    assert_eq!(gather_memory(&scene.job(), &one_copy), expected - texels * 75 * 2);
     let enough = GatherSettings { memory_limit: expected, ..quick() };
     assert_eq!(scene.all(&enough).0.memory, expected);
     let short = GatherSettings { memory_limit: expected - 1, ..quick() };
