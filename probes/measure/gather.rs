@@ -283,7 +283,7 @@ fn main() -> Result<(), Failure> {
             let precision = if how.precision == CachePrecision::Half { "f16" } else { "f32" };
             println!(
                 "  gather {}x{} + {rays:3} {precision}: {seconds:7.2} s, T {:6.3} % (path {:6.3}), ambient {:6.4} % (path {:6.4}), \
-                 time of path for this: T {:.2}x, ambient {:.2}x; mean {:+.3} ± {:.3} %, told {:+.3} ± {:.3} %, RMS {:.3} %",
+                 time of path for this: T {:.2}x, ambient {:.2}x; mean {:+.3} ± {:.3} %, told {:+.3} ± {:.3} %, RMS {:.3} (at most {:.3}) %",
                 how.passes - 1,
                 how.cache_rays,
                 100.0 * e.rms_t,
@@ -296,7 +296,8 @@ fn main() -> Result<(), Failure> {
                 100.0 * e.mean_stderr,
                 100.0 * b.mean / b.ambient,
                 100.0 * b.mean_stderr / b.ambient,
-                100.0 * b.relative()[1]
+                100.0 * b.relative(b.rms()),
+                100.0 * b.relative(b.rms_at_most())
             );
             let share = |n: u64| n as f64 / l.lookups.max(1) as f64;
             writeln!(
@@ -310,7 +311,7 @@ fn main() -> Result<(), Failure> {
                 e.mean_stderr,
                 b.mean / b.ambient,
                 b.mean_stderr / b.ambient,
-                b.relative()[1],
+                b.relative(b.rms()),
                 b.square_stderr / b.ambient.powi(2),
                 share(l.renormalised),
                 share(l.neighbourhood),

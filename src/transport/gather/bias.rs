@@ -39,9 +39,9 @@ pub struct Bias {
     pub rms_difference: f64,
     /// Its standard error.
     pub rms_difference_stderr: f64,
-    /// Root mean square of the bias alone; 0 when its estimated square is negative.
-    pub rms: f64,
-    /// Standard error of the square of `rms`.
+    /// Mean square of the bias alone; below 0 by chance where there is little of it.
+    pub square: f64,
+    /// Its standard error.
     pub square_stderr: f64,
 }
 
@@ -79,14 +79,25 @@ impl Bias {
             } else {
                 0.0
             },
-            rms: product.mean().max(0.0).sqrt(),
+            square: product.mean(),
             square_stderr: product.standard_error(),
         }
     }
 
-    /// Bias over the mean radiance, mean and root mean square; 0 for a black volume.
-    pub fn relative(&self) -> [f64; 2] {
-        if self.ambient > 0.0 { [self.mean / self.ambient, self.rms / self.ambient] } else { [0.0; 2] }
+    /// Root mean square of the bias alone; 0 when its estimated square is negative.
+    pub fn rms(&self) -> f64 {
+        self.square.max(0.0).sqrt()
+    }
+
+    /// Upper end of the 95 % interval of [`Bias::rms`]: what to print beside it, since an `rms` that noise alone
+    /// explains says only that the bias is below this.
+    pub fn rms_at_most(&self) -> f64 {
+        (self.square.max(0.0) + 1.96 * self.square_stderr).sqrt()
+    }
+
+    /// A figure of the bias over the mean radiance; 0 for a black volume.
+    pub fn relative(&self, figure: f64) -> f64 {
+        if self.ambient > 0.0 { figure / self.ambient } else { 0.0 }
     }
 }
 
@@ -195,7 +206,9 @@ mod tests {
             assert!((found - expected).abs() < 4.0 * error, "{found} {expected} ± {error}");
         };
         within(bias.mean, 0.02, bias.mean_stderr);
-        within(bias.rms.powi(2), 5e-4, bias.square_stderr);
+        within(bias.square, 5e-4, bias.square_stderr);
+        assert!(bias.rms() < bias.rms_at_most());
+        assert_eq!(bias.relative(bias.ambient), 1.0);
         // Noise in d: one gather, the mean of two paths.
         let expected = (5e-4f64 + 0.05f64.powi(2) + 0.5 * 0.025f64.powi(2)).sqrt();
         within(bias.rms_difference, expected, bias.rms_difference_stderr);
