@@ -12,6 +12,17 @@
 //!   [`Volume::raw_from_value`]`(c)`, a point is solid where `solid_sign·(raw − c_raw) > 0`.
 //! * Samples are finite: readers replace NaN and infinities and say so in a [`Note`].
 
+mod assemble;
+mod decode;
+pub mod field;
+mod format;
+pub mod open;
+pub mod read;
+mod source;
+
+pub use open::{open, open_with};
+pub use read::{ReadHint, read};
+
 use crate::error::{Error, Result};
 use crate::geom::{Affine, Bounds, Up};
 use glam::DVec3;

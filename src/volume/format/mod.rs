@@ -1,0 +1,61 @@
+//! One file for each format. Each turns a source into the parts of a volume.
+
+pub(crate) mod cube;
+pub(crate) mod mrc;
+pub(crate) mod nifti;
+pub(crate) mod npy;
+pub(crate) mod nrrd;
+pub(crate) mod raw;
+pub(crate) mod tiff;
+pub(crate) mod vtk;
+
+use crate::error::{Error, Result};
+use crate::geom::Affine;
+use glam::{DMat3, DVec3};
+
+/// One ångström in metres.
+pub(crate) const ANGSTROM: f64 = 1e-10;
+/// One bohr in metres (CODATA 2018: 5.29177210903(80)e-11 m).
+pub(crate) const BOHR: f64 = 5.29177210903e-11;
+
+/// The affine from its parts, or the format's error.
+pub(crate) fn affine(format: &'static str, linear: DMat3, offset: DVec3) -> Result<Affine> {
+    Affine::new(linear, offset).ok_or_else(|| {
+        Error::format(
+            format,
+            format!(
+                "axes {} {} {} and origin {offset}",
+                linear.x_axis, linear.y_axis, linear.z_axis
+            ),
+            "three finite, independent axis vectors and a finite origin",
+            "correct the orientation in the header",
+        )
+    })
+}
+
+/// The error of a header that names a second file where only one stream is at hand.
+pub(crate) fn needs_second_file(format: &'static str, name: &str) -> Error {
+    Error::format(
+        format,
+        format!("samples kept in a second file, {name:?}"),
+        "samples in the same stream",
+        "open the header by its path instead of piping it",
+    )
+}
+
+/// Metres in a unit of length as headers write it; `None` for words that are no known length.
+pub(crate) fn metres_in(unit: &str) -> Option<f64> {
+    Some(match unit.trim().trim_matches('"') {
+        "m" | "meter" | "metre" | "meters" | "metres" => 1.0,
+        "cm" | "centimeter" => 1e-2,
+        "mm" | "millimeter" | "millimetre" | "millimeters" | "millimetres" => 1e-3,
+        "um" | "µm" | "μm" | "\\u00B5m" | "\\u00b5m" | "micron" | "microns" | "micrometer" | "micrometre" => 1e-6,
+        "nm" | "nanometer" | "nanometre" => 1e-9,
+        "pm" => 1e-12,
+        "km" => 1e3,
+        "A" | "Å" | "\u{212b}" | "angstrom" | "Angstrom" | "angstroms" => ANGSTROM,
+        "bohr" | "Bohr" | "au" => BOHR,
+        "in" | "inch" | "inches" => 0.0254,
+        _ => return None,
+    })
+}

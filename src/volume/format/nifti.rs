@@ -1,0 +1,199 @@
+//! NIfTI-1 (nifti.nimh.nih.gov, `nifti1.h`). The header is parsed by the `nifti` crate. The
+//! samples are decoded here: the crate reserves what the header claims before it reads, and
+//! applies scl_slope only together with ndarray.
+//!
+//! World is RAS+: the sform where its code is not 0, else the qform, else pixdim along the axes
+//! with the first sample at the origin (method 1 of the standard).
+
+use super::super::assemble::{Parts, assemble, note};
+use super::super::decode::{self, Endian, Type, checked_count};
+use super::super::read::{OpenBeside, ReadHint};
+use super::super::source::Source;
+use super::super::{LengthUnit, Note, Volume};
+use super::{affine, needs_second_file};
+use crate::error::{Error, Result};
+use crate::geom::Affine;
+use ::nifti::{Endianness, NiftiHeader};
+use glam::{DMat3, DVec3};
+use std::path::Path;
+
+const NAME: &str = "NIfTI";
+const HEADER: usize = 348;
+
+/// Whether the first bytes are those of NIfTI-1; relatives are refused by name.
+pub(crate) fn is_nifti(head: &[u8]) -> Result<bool> {
+    let Some(size) = head.first_chunk::<4>() else { return Ok(false) };
+    let sizes = [i32::from_le_bytes(*size), i32::from_be_bytes(*size)];
+    let magic = |at: usize| head.get(at..at + 4).unwrap_or_default();
+    if sizes.contains(&540) && matches!(magic(4), b"n+2\0" | b"ni2\0") {
+        return Err(Error::format(
+            NAME,
+            "NIfTI-2",
+            "NIfTI-1",
+            "convert it, for example with nibabel: Nifti1Image.from_image",
+        ));
+    }
+    if matches!(magic(344), b"n+1\0" | b"ni1\0") {
+        return Ok(true);
+    }
+    if sizes.contains(&348) && head.len() >= HEADER {
+        return Err(Error::format(
+            NAME,
+            "a header of 348 bytes without NIfTI's magic, perhaps ANALYZE 7.5",
+            "\"n+1\" at byte 344",
+            "convert it to NIfTI-1; ANALYZE does not say where left is",
+        ));
+    }
+    Ok(false)
+}
+
+pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBeside>) -> Result<Volume> {
+    let bytes: [u8; HEADER] = source.array(NAME, "header")?;
+    let header = NiftiHeader::from_reader(&bytes[..]).map_err(|e| {
+        Error::format(NAME, format!("a damaged header ({e})"), "a NIfTI-1 header", "copy or download the file again")
+    })?;
+    let mut notes = Vec::new();
+    let dims = dims(&header, &mut notes)?;
+    let kind = sample_type(header.datatype)?;
+    let offset = f64::from(header.vox_offset);
+    let pair = &header.magic == b"ni1\0";
+    let smallest = if pair { 0.0 } else { HEADER as f64 };
+    if !(offset.is_finite() && (smallest..=1e15).contains(&offset)) {
+        return Err(Error::format(
+            NAME,
+            format!("vox_offset {offset}"),
+            format!("an offset of {smallest} or more"),
+            "correct the header",
+        ));
+    }
+    let mut skip = offset as u64;
+    if pair {
+        // The header of a pair: the samples lie in the .img file beside it.
+        let open = beside.ok_or_else(|| needs_second_file(NAME, ".img"))?;
+        source = open(Path::new(&format!("{}.img", hint.name)))
+            .or_else(|first| open(Path::new(&format!("{}.img.gz", hint.name))).map_err(|_| first))?;
+        if source.is_gzip().map_err(|e| Error::from_read(NAME, "samples", e))? {
+            source = source.gunzip();
+        }
+    } else {
+        skip -= HEADER as u64;
+    }
+    source.skip(NAME, skip, "header extensions")?;
+    let count = checked_count(NAME, dims, kind.size(), source.at_most(), hint)?;
+    let endian = if header.endianness == Endianness::Little { Endian::Little } else { Endian::Big };
+    let data = decode::binary(&mut source, NAME, kind, endian, count)?;
+    if notes.is_empty() {
+        source.verify_end(NAME)?; // of a series more follows
+    }
+
+    let (slope, inter) = match (f64::from(header.scl_slope), f64::from(header.scl_inter)) {
+        // "If the scl_slope field is nonzero, then each voxel value should be scaled"; writers
+        // put NaN where they mean nothing (nibabel).
+        (slope, inter) if slope.is_finite() && slope != 0.0 => (slope, if inter.is_finite() { inter } else { 0.0 }),
+        _ => (1.0, 0.0),
+    };
+    let world_from_grid = world(&header, &mut notes)?;
+    let unit = match header.xyzt_units & 7 {
+        1 => LengthUnit::Metres(1.0),
+        2 => LengthUnit::Metres(1e-3),
+        3 => LengthUnit::Metres(1e-6),
+        _ => LengthUnit::Unknown,
+    };
+    let dims = dims.map(|d| d as usize);
+    assemble(Parts { format: NAME, dims, data, slope, inter, world_from_grid, unit, notes }, hint)
+}
+
+/// The three spatial dimensions; further ones must be 1 or get a note.
+fn dims(header: &NiftiHeader, notes: &mut Vec<Note>) -> Result<[u64; 3]> {
+    let rank = usize::from(header.dim[0]);
+    if !(1..=7).contains(&rank) {
+        return Err(Error::format(NAME, format!("{rank} dimensions"), "1 to 7", "the header is damaged"));
+    }
+    let mut dims = [1; 3];
+    for axis in 0..rank {
+        let size = header.dim[axis + 1];
+        // The field is signed in the standard: a negative size arrives as more than 32767.
+        if size == 0 || size > i16::MAX as u16 {
+            return Err(Error::format(
+                NAME,
+                format!("size {} of dimension {}", size as i16, axis + 1),
+                "1 to 32767",
+                "correct the header",
+            ));
+        }
+        if axis < 3 {
+            dims[axis] = u64::from(size);
+        } else if size > 1 {
+            notes.push(note(format!("dimension {} has {size} volumes, the first is read", axis + 1), usize::from(size)));
+        }
+    }
+    Ok(dims)
+}
+
+fn sample_type(code: i16) -> Result<Type> {
+    let name = match code {
+        2 => return Ok(Type::U8),
+        4 => return Ok(Type::I16),
+        8 => return Ok(Type::I32),
+        16 => return Ok(Type::F32),
+        64 => return Ok(Type::F64),
+        256 => return Ok(Type::I8),
+        512 => return Ok(Type::U16),
+        768 => return Ok(Type::U32),
+        1024 => return Ok(Type::I64),
+        1280 => return Ok(Type::U64),
+        1 => "binary",
+        32 | 1792 | 2048 => "complex",
+        128 | 2304 => "RGB",
+        1536 => "128-bit floating point",
+        _ => "unknown",
+    };
+    Err(Error::format(
+        NAME,
+        format!("samples of {name} type (datatype {code})"),
+        "one integer or real number for each voxel",
+        "convert the file to int16 or float32",
+    ))
+}
+
+fn world(header: &NiftiHeader, notes: &mut Vec<Note>) -> Result<Affine> {
+    let wide = |v: &[f32]| DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]));
+    if header.sform_code > 0 {
+        let rows = [header.srow_x, header.srow_y, header.srow_z];
+        let linear = DMat3::from_cols(wide(&rows[0]), wide(&rows[1]), wide(&rows[2])).transpose();
+        let offset = DVec3::from_array(rows.map(|r| f64::from(r[3])));
+        if let Some(affine) = Affine::new(linear, offset) {
+            return Ok(affine);
+        }
+        notes.push(note("the sform is not invertible and was ignored", 1));
+    }
+    let mut spacing = wide(&header.pixdim[1..4]).abs();
+    for axis in 0..3 {
+        if !(spacing[axis].is_finite() && spacing[axis] > 0.0) {
+            notes.push(note(format!("pixdim {} is {}, 1 is used", axis + 1, header.pixdim[axis + 1]), 1));
+            spacing[axis] = 1.0;
+        }
+    }
+    let scale = DMat3::from_diagonal(spacing);
+    if header.qform_code > 0 {
+        let offset = wide(&[header.quatern_x, header.quatern_y, header.quatern_z]);
+        let mirror = if header.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
+        let rotation = rotation(wide(&[header.quatern_b, header.quatern_c, header.quatern_d]));
+        let mirrored = DMat3::from_diagonal(DVec3::new(1.0, 1.0, mirror));
+        return affine(NAME, rotation * mirrored * scale, offset);
+    }
+    affine(NAME, scale, DVec3::ZERO)
+}
+
+/// The rotation of a unit quaternion of which only b, c, d are stored (nifti1.h, method 2):
+/// a = sqrt(1 − b² − c² − d²), and a half turn about (b, c, d) where rounding makes that negative.
+fn rotation(bcd: DVec3) -> DMat3 {
+    let square = bcd.length_squared();
+    let (a, bcd) = if square < 1.0 { ((1.0 - square).sqrt(), bcd) } else { (0.0, bcd / square.sqrt()) };
+    let (b, c, d) = (bcd.x, bcd.y, bcd.z);
+    DMat3::from_cols(
+        DVec3::new(a * a + b * b - c * c - d * d, 2.0 * (b * c + a * d), 2.0 * (b * d - a * c)),
+        DVec3::new(2.0 * (b * c - a * d), a * a + c * c - b * b - d * d, 2.0 * (c * d + a * b)),
+        DVec3::new(2.0 * (b * d + a * c), 2.0 * (c * d - a * b), a * a + d * d - b * b - c * c),
+    )
+}

@@ -1,0 +1,309 @@
+//! NRRD (teem.sourceforge.net/nrrd/format.html), by hand: no crate reads it. Attached and
+//! detached headers; encodings raw, gzip and ascii; three spatial axes.
+//!
+//! World: `space directions` and `space origin`; the spaces that name left or posterior first
+//! are converted to RAS+ by turning the sign of the axes that differ. Without a space, `spacings`
+//! and `axis mins`, right-handed as given.
+
+use super::super::assemble::{Parts, assemble, note};
+use super::super::decode::{self, Endian, Type, checked_count};
+use super::super::read::{OpenBeside, ReadHint};
+use super::super::source::Source;
+use super::super::{LengthUnit, Note, Volume};
+use super::{affine, metres_in, needs_second_file};
+use crate::error::{Error, Result};
+use crate::geom::Affine;
+use glam::{DMat3, DVec3};
+use std::collections::HashMap;
+use std::path::Path;
+
+const NAME: &str = "NRRD";
+/// More header lines than any real file has; key/value pairs may be many.
+const MOST_LINES: usize = 10_000;
+
+/// The fields of a header by their name in lower case.
+struct Header(HashMap<String, String>);
+
+impl Header {
+    fn parse(source: &mut Source) -> Result<Self> {
+        source.expect_line(NAME, "NRRD's magic")?;
+        let mut fields = HashMap::new();
+        for _ in 0..MOST_LINES {
+            let Some(line) = source.line(NAME)? else { return Ok(Self(fields)) }; // detached: ends with the file
+            if line.is_empty() {
+                return Ok(Self(fields));
+            }
+            if line.starts_with('#') || line.contains(":=") {
+                continue; // a comment, a key/value pair
+            }
+            let Some((name, value)) = line.split_once(':') else {
+                return Err(Error::format(
+                    NAME,
+                    format!("the header line {line:?}"),
+                    "field: value",
+                    "the header is damaged, or lacks the empty line before the samples",
+                ));
+            };
+            fields.insert(name.trim().to_ascii_lowercase(), value.trim().to_string());
+        }
+        Err(Error::format(NAME, "a header without end", "an empty line after the header", "the file is damaged"))
+    }
+
+    /// A field under any of its names.
+    fn get(&self, names: &[&str]) -> Option<&str> {
+        names.iter().find_map(|n| self.0.get(*n)).map(String::as_str)
+    }
+
+    fn need(&self, name: &str) -> Result<&str> {
+        self.get(&[name]).ok_or_else(|| missing(name))
+    }
+
+    fn numbers<T: std::str::FromStr>(&self, names: &[&str]) -> Result<Option<Vec<T>>> {
+        let Some(text) = self.get(names) else { return Ok(None) };
+        let numbers: Option<Vec<T>> = text.split_whitespace().map(|w| w.parse().ok()).collect();
+        numbers.map(Some).ok_or_else(|| damaged(names[0], text))
+    }
+}
+
+fn missing(name: &str) -> Error {
+    Error::format(NAME, format!("no field \"{name}\""), "it in the header", "add the field to the header")
+}
+
+fn damaged(name: &str, value: &str) -> Error {
+    Error::format(NAME, format!("{name}: {value}"), "a value as the NRRD format asks for", "correct the header")
+}
+
+pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBeside>) -> Result<Volume> {
+    let header = Header::parse(&mut source)?;
+    let mut notes = Vec::new();
+    let kind = sample_type(header.need("type")?)?;
+    let rank: usize = header.need("dimension")?.parse().map_err(|_| damaged("dimension", header.need("dimension").unwrap_or("")))?;
+    let sizes: Vec<u64> = header.numbers(&["sizes"])?.ok_or_else(|| missing("sizes"))?;
+    if rank != sizes.len() {
+        return Err(damaged("sizes", header.need("sizes")?));
+    }
+    let axes = spatial_axes(&header, &sizes)?;
+    let dims = axes.map(|a| sizes[a]);
+    let (world_from_grid, unit) = world(&header, axes, rank, &mut notes)?;
+    if header.get(&["old min", "oldmin", "old max", "oldmax"]).is_some() {
+        notes.push(note("old min and old max are not applied: values are those stored", 1));
+    }
+    let mut skips = Skips {
+        lines: header.numbers::<u64>(&["line skip", "lineskip"])?.and_then(|v| v.first().copied()).unwrap_or(0),
+        bytes: header.numbers::<i64>(&["byte skip", "byteskip"])?.and_then(|v| v.first().copied()).unwrap_or(0),
+    };
+    let samples = |source: Source, skips: &Skips| samples(source, &header, kind, dims, skips, hint);
+    let data = match header.get(&["data file", "datafile"]) {
+        None => samples(source, &skips)?,
+        Some(name) => {
+            if name.starts_with("LIST") || name.contains('%') {
+                return Err(Error::format(
+                    NAME,
+                    format!("samples spread over several files ({name})"),
+                    "one data file",
+                    "join them, for example with `unu save` or pynrrd",
+                ));
+            }
+            let open = beside.ok_or_else(|| needs_second_file(NAME, name))?;
+            let data_source = open(Path::new(name))?;
+            if skips.bytes == -1 {
+                skips.bytes = skip_to_tail(&data_source, kind, dims)?;
+            }
+            samples(data_source, &skips).map_err(|e| e.in_file(name))?
+        }
+    };
+    let dims = dims.map(|d| d as usize);
+    assemble(Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, notes }, hint)
+}
+
+struct Skips {
+    lines: u64,
+    bytes: i64,
+}
+
+/// `byte skip: -1`: the samples are the last bytes of a raw file.
+fn skip_to_tail(source: &Source, kind: Type, dims: [u64; 3]) -> Result<i64> {
+    let bytes = dims.iter().try_fold(kind.size() as u64, |n, &d| n.checked_mul(d));
+    let skip = source.at_most().zip(bytes).and_then(|(length, bytes)| length.checked_sub(bytes));
+    skip.and_then(|n| i64::try_from(n).ok()).ok_or_else(|| {
+        Error::format(NAME, "byte skip: -1 and too short a data file", "all samples", "the data file is incomplete")
+    })
+}
+
+fn samples(
+    mut source: Source,
+    header: &Header,
+    kind: Type,
+    dims: [u64; 3],
+    skips: &Skips,
+    hint: &ReadHint,
+) -> Result<decode::Data> {
+    for _ in 0..skips.lines {
+        source.expect_line(NAME, "the lines that \"line skip\" counts")?;
+    }
+    let encoding = header.need("encoding")?.to_ascii_lowercase();
+    let gzip = matches!(encoding.as_str(), "gzip" | "gz");
+    if gzip {
+        source = source.gunzip();
+    }
+    if skips.bytes < 0 {
+        return Err(damaged("byte skip", &skips.bytes.to_string()));
+    }
+    source.skip(NAME, skips.bytes as u64, "the bytes that \"byte skip\" counts")?;
+    let data = match encoding.as_str() {
+        "raw" | "gzip" | "gz" => {
+            let endian = match (header.get(&["endian"]).map(str::to_ascii_lowercase).as_deref(), kind.size()) {
+                (_, 1) | (Some("little"), _) => Endian::Little,
+                (Some("big"), _) => Endian::Big,
+                (None, _) => return Err(missing("endian")),
+                (Some(other), _) => return Err(damaged("endian", other)),
+            };
+            let count = checked_count(NAME, dims, kind.size(), source.at_most(), hint)?;
+            decode::binary(&mut source, NAME, kind, endian, count)?
+        }
+        "ascii" | "text" | "txt" => {
+            // Each sample takes a digit and a separator, the last one perhaps only the digit.
+            let left = source.at_most().map(|n| n.saturating_add(1) / 2 * kind.size() as u64);
+            let count = checked_count(NAME, dims, kind.size(), left, hint)?;
+            decode::text(&mut source, NAME, kind, count)?
+        }
+        other => {
+            return Err(Error::format(
+                NAME,
+                format!("encoding {other}"),
+                "raw, gzip or ascii",
+                "save the file again, for example with `unu save -f nrrd -e gzip`",
+            ));
+        }
+    };
+    source.verify_end(NAME)?;
+    Ok(data)
+}
+
+fn sample_type(name: &str) -> Result<Type> {
+    Ok(match name {
+        "signed char" | "int8" | "int8_t" => Type::I8,
+        "uchar" | "unsigned char" | "uint8" | "uint8_t" => Type::U8,
+        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => Type::I16,
+        "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => Type::U16,
+        "int" | "signed int" | "int32" | "int32_t" => Type::I32,
+        "uint" | "unsigned int" | "uint32" | "uint32_t" => Type::U32,
+        "longlong" | "long long" | "long long int" | "signed long long" | "signed long long int" | "int64"
+        | "int64_t" => Type::I64,
+        "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => Type::U64,
+        "float" => Type::F32,
+        "double" => Type::F64,
+        other => {
+            return Err(Error::format(
+                NAME,
+                format!("type {other}"),
+                "an integer or floating-point type",
+                "convert the file, for example with `unu convert -t float`",
+            ));
+        }
+    })
+}
+
+/// The three axes of space; a further axis must have one sample.
+fn spatial_axes(header: &Header, sizes: &[u64]) -> Result<[usize; 3]> {
+    let mut axes: Vec<usize> = (0..sizes.len()).collect();
+    if axes.len() > 3 {
+        let directions = header.get(&["space directions"]).map(vectors).transpose()?;
+        let in_space = |a: usize| directions.as_ref().map_or(sizes[a] != 1, |d| matches!(d.get(a), Some(Some(_))));
+        axes.retain(|&a| in_space(a) || sizes[a] != 1);
+    }
+    <[usize; 3]>::try_from(axes).map_err(|axes| {
+        let kinds = header.get(&["kinds"]).map(|k| format!(" of kinds {k}")).unwrap_or_default();
+        Error::format(
+            NAME,
+            format!("{} axes with sizes {sizes:?}{kinds}", axes.len()),
+            "three axes of space and one number for each point",
+            "cut out one component, for example with `unu slice -a 0 -p 0`",
+        )
+    })
+}
+
+/// `(1,0,0) none (0,1,0)` and the like.
+fn vectors(text: &str) -> Result<Vec<Option<DVec3>>> {
+    let mut rest = text.trim();
+    let mut out = Vec::new();
+    while !rest.is_empty() {
+        if let Some(after) = rest.strip_prefix("none") {
+            out.push(None);
+            rest = after.trim_start();
+            continue;
+        }
+        let inside = rest.strip_prefix('(').and_then(|r| r.split_once(')'));
+        let Some((inside, after)) = inside else { return Err(damaged("space directions", text)) };
+        let numbers: Option<Vec<f64>> = inside.split(',').map(|w| w.trim().parse().ok()).collect();
+        let numbers = numbers.and_then(|n| <[f64; 3]>::try_from(n).ok());
+        out.push(Some(DVec3::from_array(numbers.ok_or_else(|| damaged("space directions", text))?)));
+        rest = after.trim_start();
+    }
+    Ok(out)
+}
+
+/// Signs that take the named space to RAS+; all +1 for spaces without anatomical axes.
+fn signs(space: &str) -> Result<DVec3> {
+    let lower = space.to_ascii_lowercase();
+    let base = lower.strip_suffix("-time").unwrap_or(&lower);
+    Ok(match base {
+        "right-anterior-superior" | "ras" | "scanner-xyz" | "3d-right-handed" | "3d-left-handed" => DVec3::ONE,
+        "left-anterior-superior" | "las" => DVec3::new(-1.0, 1.0, 1.0),
+        "left-posterior-superior" | "lps" => DVec3::new(-1.0, -1.0, 1.0),
+        _ => return Err(damaged("space", space)),
+    })
+}
+
+fn world(header: &Header, axes: [usize; 3], rank: usize, notes: &mut Vec<Note>) -> Result<(Affine, LengthUnit)> {
+    let unit_of = |text: &str, pick: [usize; 3]| -> Option<f64> {
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let first = metres_in(words.get(pick[0])?)?;
+        pick.iter().all(|&a| words.get(a).and_then(|w| metres_in(w)) == Some(first)).then_some(first)
+    };
+    let space = header.get(&["space"]);
+    if let Some(text) = header.get(&["space directions"]) {
+        let all = vectors(text)?;
+        let columns = axes.map(|a| all.get(a).copied().flatten());
+        let ([Some(x), Some(y), Some(z)], true) = (columns, all.len() == rank) else {
+            return Err(damaged("space directions", text));
+        };
+        let origin = match header.get(&["space origin"]) {
+            Some(text) => match vectors(text)?.as_slice() {
+                [Some(origin)] => *origin,
+                _ => return Err(damaged("space origin", text)),
+            },
+            None => DVec3::ZERO,
+        };
+        let signs = space.map_or(Ok(DVec3::ONE), signs)?;
+        let metres = header.get(&["space units"]).and_then(|t| unit_of(t, [0, 1, 2]));
+        let linear = DMat3::from_diagonal(signs) * DMat3::from_cols(x, y, z);
+        return Ok((affine(NAME, linear, signs * origin)?, metres.map_or(LengthUnit::Unknown, LengthUnit::Metres)));
+    }
+    let per_axis = |names: &[&str]| -> Result<Option<[f64; 3]>> {
+        let Some(values) = header.numbers::<f64>(names)? else { return Ok(None) };
+        if values.len() != rank {
+            return Err(damaged(names[0], header.get(names).unwrap_or("")));
+        }
+        Ok(Some(axes.map(|a| values[a])))
+    };
+    let mut spacing = per_axis(&["spacings"])?.unwrap_or([1.0; 3]);
+    for s in &mut spacing {
+        if !(s.is_finite() && *s != 0.0) {
+            notes.push(note(format!("spacing {s} is not usable, 1 is used"), 1));
+            *s = 1.0;
+        }
+    }
+    let mut origin = per_axis(&["axis mins", "axismins"])?.unwrap_or([0.0; 3]);
+    let centerings: Vec<&str> = header.get(&["centerings", "centers"]).unwrap_or("").split_whitespace().collect();
+    for i in 0..3 {
+        if !origin[i].is_finite() {
+            origin[i] = 0.0; // "nan" means that it is not known
+        } else if origin[i] != 0.0 && centerings.get(axes[i]) == Some(&"cell") {
+            origin[i] += 0.5 * spacing[i]; // the minimum is the border of the first cell
+        }
+    }
+    let metres = header.get(&["units"]).and_then(|t| unit_of(t, axes));
+    let unit = metres.map_or(LengthUnit::Unknown, LengthUnit::Metres);
+    Ok((affine(NAME, DMat3::from_diagonal(DVec3::from_array(spacing)), DVec3::from_array(origin))?, unit))
+}

@@ -1,0 +1,149 @@
+//! Reading a volume from a byte stream. The format is decided by content, never by a suffix;
+//! gzip is recognised and unpacked.
+//!
+//! Nothing is allocated because a header says so: claims are checked against overflow, against
+//! [`ReadHint::max_bytes`] and, where the length is known, against the bytes that are left;
+//! without a known length memory grows with the bytes that arrive. Of a gzip stream no more is
+//! unpacked than the header asks for, plus 64 KiB to verify its checksum.
+//!
+//! | format | read | not read (refused by name) |
+//! |---|---|---|
+//! | NIfTI-1 | .nii, pairs; all integer and real types; first volume of a series | NIfTI-2, complex, RGB |
+//! | NRRD | attached and detached; raw, gzip, ascii; three axes | lists of files, hex, bzip2, vectors |
+//! | MRC, CCP4 | modes 0, 1, 2, 6, 12; any axis order and cell | complex and packed modes |
+//! | Gaussian cube | density and orbital files (first value of a point) | |
+//! | legacy VTK | STRUCTURED_POINTS, ASCII and BINARY | other data sets, vectors |
+//! | TIFF | grey pages, ImageJ spacing | colour, hyperstacks |
+//! | NumPy .npy | three axes [z, y, x], either memory order | bool, complex, structures |
+//! | raw | with a JSON sidecar | |
+
+use super::format::{cube, mrc, nifti, npy, nrrd, raw, tiff, vtk};
+use super::source::Source;
+use super::{Solid, Volume};
+use crate::error::{Error, Result};
+use std::io::Read;
+use std::path::Path;
+
+/// What a reader is told beside the bytes.
+#[derive(Clone, Debug)]
+pub struct ReadHint {
+    /// The name that the volume gets, such as the stem of its file.
+    pub name: String,
+    /// Which side will be matter. NaN and infinite samples become the extreme of the lit side:
+    /// the smallest value for [`Solid::Above`], the largest for [`Solid::Below`].
+    pub solid: Solid,
+    /// Most bytes of samples that a header may claim; 64 GiB by default.
+    pub max_bytes: u64,
+    /// Length of the stream in bytes where it is known, so that a short file is refused before
+    /// it is read.
+    pub length: Option<u64>,
+}
+
+impl Default for ReadHint {
+    fn default() -> Self {
+        Self { name: "volume".into(), solid: Solid::Above, max_bytes: 64 << 30, length: None }
+    }
+}
+
+/// Opens a file named by a header, given its name as written there.
+pub(crate) type OpenBeside<'a> = &'a dyn Fn(&Path) -> Result<Source<'static>>;
+
+/// Reads a volume from a stream. World coordinates, unit and scaling come from the file; up is
+/// z and `solid` is the hint's.
+///
+/// # Errors
+/// When the content is of no known format, is damaged or truncated, claims more than
+/// [`ReadHint::max_bytes`], holds no finite sample, or refers to a second file (use
+/// [`super::open::open`] for those). Errors do not name a file: see [`Error::in_file`].
+pub fn read(source: impl Read, hint: &ReadHint) -> Result<Volume> {
+    read_with(Source::new(source, hint.length), hint, None)
+}
+
+/// Bytes looked at to decide the format: enough for the magic of NIfTI at 344.
+const LOOK_AHEAD: usize = 1024;
+
+pub(crate) fn read_with(mut source: Source, hint: &ReadHint, beside: Option<OpenBeside>) -> Result<Volume> {
+    let from_read = |e| Error::from_read("volume", "the first bytes of a volume file", e);
+    if source.is_gzip().map_err(from_read)? {
+        source = source.gunzip();
+    }
+    let head = source.peek(LOOK_AHEAD).map_err(from_read)?;
+    match detect(head)? {
+        Format::Nifti => nifti::read(source, hint, beside),
+        Format::Nrrd => nrrd::read(source, hint, beside),
+        Format::Mrc => mrc::read(source, hint),
+        Format::Cube => cube::read(source, hint),
+        Format::Vtk => vtk::read(source, hint),
+        Format::Tiff => tiff::read_stream(source, hint),
+        Format::Npy => npy::read(source, hint),
+        Format::Raw => raw::read(source, hint, beside),
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Format {
+    Nifti,
+    Nrrd,
+    Mrc,
+    Cube,
+    Vtk,
+    Tiff,
+    Npy,
+    Raw,
+}
+
+/// The format of a file from its first bytes.
+pub(crate) fn detect(head: &[u8]) -> Result<Format> {
+    let at = |offset: usize, magic: &[u8]| head.get(offset..).is_some_and(|rest| rest.starts_with(magic));
+    if at(0, b"NRRD") {
+        return Ok(Format::Nrrd);
+    }
+    if at(0, b"# vtk DataFile") {
+        return Ok(Format::Vtk);
+    }
+    if at(0, b"\x93NUMPY") {
+        return Ok(Format::Npy);
+    }
+    if [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| at(0, *magic)) {
+        return Ok(Format::Tiff);
+    }
+    if nifti::is_nifti(head)? {
+        return Ok(Format::Nifti);
+    }
+    if mrc::is_mrc(head) {
+        return Ok(Format::Mrc);
+    }
+    let first = head.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(0);
+    if at(first, b"{") {
+        return Ok(Format::Raw);
+    }
+    if cube::is_cube(head) {
+        return Ok(Format::Cube);
+    }
+    Err(unknown(head))
+}
+
+/// The error for content of no known format; common neighbours are named.
+fn unknown(head: &[u8]) -> Error {
+    let at = |offset: usize, magic: &[u8]| head.get(offset..).is_some_and(|rest| rest.starts_with(magic));
+    let known = "NIfTI-1, NRRD, MRC/CCP4, Gaussian cube, legacy VTK, TIFF, NumPy .npy, or raw with a JSON sidecar";
+    let (found, remedy) = if head.is_empty() {
+        ("an empty file".to_string(), "check how it was written or copied")
+    } else if at(0, b"\x89HDF\r\n") {
+        ("HDF5".into(), "export the data set, for example with h5py and numpy.save")
+    } else if at(128, b"DICM") {
+        ("DICOM".into(), "convert the series to NIfTI, for example with dcm2niix")
+    } else if at(0, b"<?xml") || at(0, b"<VTKFile") {
+        ("XML, perhaps VTK's .vti".into(), "write legacy VTK (vtkStructuredPointsWriter) or NRRD instead")
+    } else if at(0, b"PK\x03\x04") {
+        ("a zip archive".into(), "unpack it; a NumPy .npz holds .npy files")
+    } else if at(0, b"\x1f\x8b") {
+        ("gzip within gzip".into(), "unpack it once")
+    } else if at(0, b"BZh") || at(0, b"\xfd7zXZ") || at(0, b"\x28\xb5\x2f\xfd") {
+        ("bzip2, xz or zstd".into(), "unpack it, or compress with gzip")
+    } else {
+        let start = String::from_utf8_lossy(&head[..head.len().min(24)]).into_owned();
+        (format!("a file that starts with {start:?}"), "convert it, or describe raw samples in a JSON sidecar")
+    };
+    Error::format("volume", found, known, remedy)
+}
