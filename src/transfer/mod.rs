@@ -18,6 +18,8 @@
 //! A texel that was not baked holds NaN in all coefficients, one without a usable normal holds 0.
 
 mod selection;
+pub mod store;
+pub mod texture;
 
 pub use selection::Selection;
 

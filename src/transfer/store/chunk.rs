@@ -1,0 +1,384 @@
+//! Chunks of the transfer texture: written as a whole, read in place.
+//!
+//! # What one chunk consists of
+//! Four shard files, one for each array, and a record of its extent. All five carry one *stamp*,
+//! a hash of the record, which holds the chunk's index and a digest of all bricks. Files from
+//! different writings, or moved from another chunk, therefore never pass for a whole.
+//!
+//! # Order of writing
+//! All five files are completed beside their places first, then renamed: the record, `validity`,
+//! `rays`, `stderr`, and `transfer` last. A chunk exists if and only if its `transfer` shard does.
+//! A run that is killed between two renames leaves either no `transfer` shard, so that the chunk
+//! does not exist, or (where an older chunk is replaced) files with two stamps: *torn*. Bakes
+//! treat a torn chunk as not baked and write it again; readers, after a few more tries in case
+//! somebody is renaming at this moment, report it.
+
+use super::super::texture::{check_brick, check_index};
+use super::super::{BRICK_TEXELS, Brick, BrickSource, BrickView, Layers, Layout};
+use super::Store;
+use super::backing::{Backing, Bytes, Staged};
+use super::zarr::{self, FORMAT, Presence, SIDE, SLOTS, STAMP, ShardTail};
+use crate::error::{Error, Result};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// The arrays of a transfer group: name, and whether a fourth axis follows z, y, x.
+pub(super) const ARRAYS: [(&str, bool); 4] =
+    [("transfer", true), ("stderr", true), ("validity", false), ("rays", false)];
+/// How often a reader looks again at a chunk whose files do not belong together.
+const TRIES: usize = 8;
+
+/// The isovalues that the texels of a chunk were baked for.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Isovalues {
+    /// Every isovalue: no texel was left out for its value.
+    All,
+    /// These, in the file's values.
+    List(Vec<f64>),
+}
+
+/// How far a chunk was baked. May differ between chunks, and grow when a chunk is written again.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChunkExtent {
+    /// For which isovalues.
+    pub isovalues: Isovalues,
+    /// With how many rays a texel; the cap where texels decide for themselves.
+    pub rays: u32,
+    /// Standard error that texels had to reach, if one was asked for.
+    pub error_target: Option<f64>,
+}
+
+impl ChunkExtent {
+    /// The record without its stamp.
+    fn to_json(&self, index: [usize; 3], bricks: usize, payload: &str) -> Value {
+        let isovalues = match &self.isovalues {
+            Isovalues::All => json!("all"),
+            Isovalues::List(list) => json!(list),
+        };
+        json!({
+            "chunk": index,
+            "isovalues": isovalues,
+            "rays": self.rays,
+            "error_target": self.error_target,
+            "bricks": bricks,
+            "payload": payload,
+        })
+    }
+
+    /// Reads what [`Self::to_json`] wrote.
+    fn from_json(record: &Value) -> Option<Self> {
+        let isovalues = match &record["isovalues"] {
+            Value::String(all) if all == "all" => Isovalues::All,
+            Value::Array(list) => Isovalues::List(list.iter().map(Value::as_f64).collect::<Option<_>>()?),
+            _ => return None,
+        };
+        let error_target = match &record["error_target"] {
+            Value::Null => None,
+            target => Some(target.as_f64()?),
+        };
+        Some(Self { isovalues, rays: record["rays"].as_u64()?.try_into().ok()?, error_target })
+    }
+
+    fn check(&self) -> Result<()> {
+        let isovalues = match &self.isovalues {
+            Isovalues::All => &[][..],
+            Isovalues::List(list) => list,
+        };
+        match isovalues.iter().chain(&self.error_target).find(|v| !v.is_finite()) {
+            None => Ok(()),
+            Some(bad) => Err(Error::argument("extent", bad, "finite isovalues and error target", "check the options")),
+        }
+    }
+}
+
+/// A chunk whose files are open and belong together.
+#[derive(Debug)]
+pub(super) struct OpenChunk {
+    index: [usize; 3],
+    shards: [Bytes; 4],
+    // Invariant: the presence in every shard, checked against its length.
+    present: Presence,
+    extent: ChunkExtent,
+    /// Bricks whose checksums were found right, one bit each. Two threads may both verify a
+    /// brick; they can only agree.
+    verified: AtomicU64,
+}
+
+/// What is found at the place of a chunk.
+enum Found {
+    Nothing,
+    /// Files of two writings; the name of one that disagrees.
+    Torn(PathBuf),
+    Whole(Box<OpenChunk>),
+}
+
+/// Bytes of one brick in each of [`ARRAYS`].
+fn brick_bytes(layers: &Layers) -> [usize; 4] {
+    [2 * layers.coefficients(), 2 * layers.errors(), 1, 4].map(|texel| BRICK_TEXELS * texel)
+}
+
+/// The bytes of a brick in each of [`ARRAYS`].
+fn bytes_of(brick: &Brick) -> [&[u8]; 4] {
+    [
+        bytemuck::cast_slice(&brick.transfer),
+        bytemuck::cast_slice(&brick.stderr),
+        &brick.validity,
+        bytemuck::cast_slice(&brick.rays),
+    ]
+}
+
+/// The stamp of a record and its hexadecimal digits.
+fn stamp_of(record: &Value) -> ([u8; STAMP], String) {
+    let hash = super::hash_of(record);
+    let mut stamp = [0; STAMP];
+    stamp.copy_from_slice(&hash.as_bytes()[..STAMP]);
+    (stamp, hash.to_hex()[..2 * STAMP].to_owned())
+}
+
+impl Store {
+    fn shard_key(&self, array: usize, index: [usize; 3]) -> String {
+        let (name, fourth) = ARRAYS[array];
+        zarr::chunk_key(&format!("{}/{name}", self.env), index, fourth)
+    }
+
+    fn extent_key(&self, [x, y, z]: [usize; 3]) -> String {
+        format!("{}/extent/{z}.{y}.{x}.json", self.env)
+    }
+
+    fn slot(&self, [x, y, z]: [usize; 3]) -> usize {
+        let [nx, ny, _] = self.layout.lattice.chunks();
+        x + nx * (y + ny * z)
+    }
+
+    /// An error about one file of a chunk.
+    fn damage(&self, key: &str, index: [usize; 3], found: impl Into<String>, expected: impl Into<String>) -> Error {
+        let [x, y, z] = index;
+        let remedy = match &self.backing {
+            Backing::Archive(_) => "copy or pack the archive again".to_owned(),
+            Backing::Directory(_) => format!(
+                "delete this chunk file ({}) and run bake again: only it is redone",
+                self.backing.name(&self.shard_key(0, index)).display()
+            ),
+        };
+        let found = format!("in chunk ({x}, {y}, {z}) {}", found.into());
+        Error::format(FORMAT, found, expected, remedy).in_file(self.backing.name(key))
+    }
+
+    /// Writes a chunk: its 64 bricks, x fastest, and how far they were baked. A chunk that is
+    /// already there is replaced. What this or another [`Store`] has opened of it before stays as
+    /// it was; see [`Self::refresh`]. Different chunks may be written from different threads,
+    /// processes and machines at once; the bytes depend on the arguments alone.
+    ///
+    /// # Errors
+    /// When an index or a length does not fit the layout, a brick lies beyond the lattice, a
+    /// number of the extent is not finite, the store is an archive, or the system refuses.
+    pub fn write_chunk(&self, index: [usize; 3], bricks: Vec<Option<Brick>>, extent: &ChunkExtent) -> Result<()> {
+        self.check_chunk(index, &bricks)?;
+        extent.check()?;
+        let sums: Vec<Option<[u32; 4]>> =
+            bricks.iter().map(|b| b.as_ref().map(|b| bytes_of(b).map(zarr::checksum))).collect();
+        let mut digest = blake3::Hasher::new();
+        for sums in &sums {
+            digest.update(&[u8::from(sums.is_some())]);
+            for sum in sums.iter().flatten() {
+                digest.update(&sum.to_le_bytes());
+            }
+        }
+        let digest = digest.finalize().to_hex();
+        let mut record = extent.to_json(index, sums.iter().flatten().count(), &digest[..2 * STAMP]);
+        let (stamp, digits) = stamp_of(&record);
+        record["stamp"] = json!(digits);
+
+        let mut staged: Vec<Staged> = Vec::new();
+        staged.push(self.backing.stage(&self.extent_key(index), self.sync, |out| writeln!(out, "{record}"))?);
+        // Backwards: `transfer`, the first of the arrays, is the mark of the commit and comes last.
+        for array in (0..ARRAYS.len()).rev() {
+            let chunks = std::array::from_fn(|slot| {
+                bricks[slot].as_ref().zip(sums[slot]).map(|(brick, sums)| (bytes_of(brick)[array], sums[array]))
+            });
+            let key = self.shard_key(array, index);
+            staged.push(self.backing.stage(&key, self.sync, |out| zarr::write_shard(out, &chunks, &stamp))?);
+        }
+        staged.into_iter().try_for_each(Staged::commit)
+    }
+
+    fn check_chunk(&self, index: [usize; 3], bricks: &[Option<Brick>]) -> Result<()> {
+        check_index("chunk", index, self.layout.lattice.chunks())?;
+        if bricks.len() != SLOTS {
+            return Err(Error::argument(
+                "bricks",
+                format!("{} bricks", bricks.len()),
+                format!("{SLOTS}, x fastest, None where nothing is baked"),
+                "hand over the whole chunk",
+            ));
+        }
+        for (slot, brick) in bricks.iter().enumerate().filter_map(|(slot, b)| b.as_ref().map(|b| (slot, b))) {
+            check_brick(brick, &self.layout.layers)?;
+            let inside = [slot % SIDE, slot / SIDE % SIDE, slot / (SIDE * SIDE)];
+            let global = std::array::from_fn(|a| index[a] * SIDE + inside[a]);
+            check_index("brick", global, self.layout.lattice.bricks())?;
+        }
+        Ok(())
+    }
+
+    /// Reads a chunk from disk as it is now: its 64 bricks, x fastest, and how far they were
+    /// baked. `None` if it was not baked, or if a killed run left it torn: then it is to be baked
+    /// again.
+    ///
+    /// # Errors
+    /// When the index is outside the lattice or a file is damaged or cannot be read.
+    pub fn read_chunk(&self, index: [usize; 3]) -> Result<Option<(Vec<Option<Brick>>, ChunkExtent)>> {
+        let Found::Whole(chunk) = self.find_chunk(index)? else { return Ok(None) };
+        let bricks = (0..SLOTS).map(|slot| Ok(self.view(&chunk, slot)?.map(|view| view.to_brick())));
+        Ok(Some((bricks.collect::<Result<_>>()?, chunk.extent)))
+    }
+
+    /// How far a chunk was baked, as it is on disk now; `None` as in [`Self::read_chunk`]. Reads
+    /// no bricks.
+    ///
+    /// # Errors
+    /// As [`Self::read_chunk`].
+    pub fn chunk_extent(&self, index: [usize; 3]) -> Result<Option<ChunkExtent>> {
+        match self.find_chunk(index)? {
+            Found::Whole(chunk) => Ok(Some(chunk.extent)),
+            _ => Ok(None),
+        }
+    }
+
+    /// Opens the files of a chunk once more, up to [`TRIES`] times while they are torn.
+    fn find_chunk(&self, index: [usize; 3]) -> Result<Found> {
+        check_index("chunk", index, self.layout.lattice.chunks())?;
+        for _ in 1..TRIES {
+            match self.find_chunk_once(index)? {
+                Found::Torn(_) => std::thread::yield_now(),
+                found => return Ok(found),
+            }
+        }
+        self.find_chunk_once(index)
+    }
+
+    fn find_chunk_once(&self, index: [usize; 3]) -> Result<Found> {
+        // The mark of the commit is opened first: what is renamed after it cannot be missed.
+        let Some(transfer) = self.backing.bytes(&self.shard_key(0, index))? else { return Ok(Found::Nothing) };
+        let (extent, stamp, bricks) = self.extent_record(index)?;
+        let bytes = brick_bytes(&self.layout.layers);
+        let mut tails: [Option<ShardTail>; 4] = [None; 4];
+        let mut shards = Vec::with_capacity(4);
+        let mut transfer = Some(transfer);
+        for array in 0..ARRAYS.len() {
+            let key = self.shard_key(array, index);
+            let shard = match transfer.take() {
+                Some(transfer) => transfer,
+                None => match self.backing.bytes(&key)? {
+                    Some(shard) => shard,
+                    None => return Err(self.damage(&key, index, "no such file", "one shard for each array")),
+                },
+            };
+            let tail = zarr::read_tail(&shard, bytes[array])
+                .map_err(|(found, expected)| self.damage(&key, index, found, expected))?;
+            if tail.stamp != stamp {
+                return Ok(Found::Torn(self.backing.name(&key)));
+            }
+            let first = tails[0].map_or(tail.present, |first| first.present);
+            if tail.present != first || tail.present.count_ones() as usize != bricks {
+                return Err(self.damage(&key, index, "other bricks than in `transfer`", format!("{bricks} bricks")));
+            }
+            tails[array] = Some(tail);
+            shards.push(shard);
+        }
+        let present = tails[0].map_or(0, |tail| tail.present);
+        let Ok(shards) = shards.try_into() else { return Ok(Found::Nothing) }; // There are four.
+        Ok(Found::Whole(Box::new(OpenChunk { index, shards, present, extent, verified: AtomicU64::new(0) })))
+    }
+
+    /// The extent of a chunk, its stamp, and its number of bricks.
+    fn extent_record(&self, index: [usize; 3]) -> Result<(ChunkExtent, [u8; STAMP], usize)> {
+        let key = self.extent_key(index);
+        let mut record = match self.backing.json(&key) {
+            Ok(Some(record)) => record,
+            Ok(None) => return Err(self.damage(&key, index, "no such file", "the record of the chunk's extent")),
+            Err(Error::Format { found, .. }) => return Err(self.damage(&key, index, found, "a JSON document")),
+            Err(other) => return Err(other),
+        };
+        let stored = record.as_object_mut().and_then(|fields| fields.shift_remove("stamp"));
+        let (stamp, digits) = stamp_of(&record);
+        let parsed = ChunkExtent::from_json(&record).zip(record["bricks"].as_u64());
+        match parsed {
+            Some((extent, bricks)) if stored == Some(json!(digits)) && record["chunk"] == json!(index) => {
+                Ok((extent, stamp, bricks as usize))
+            }
+            _ => {
+                let stored = stored.as_ref().map_or_else(|| "nothing".into(), zarr::shorten);
+                Err(self.damage(&key, index, format!("a record with stamp {digits}"), format!("stamp {stored}")))
+            }
+        }
+    }
+
+    /// The open chunk at an index, opened at the first call and kept.
+    fn open_chunk(&self, index: [usize; 3]) -> Result<Option<&OpenChunk>> {
+        let cell = &self.chunks[self.slot(index)];
+        if let Some(known) = cell.get() {
+            return Ok(known.as_deref());
+        }
+        let found = match self.find_chunk(index)? {
+            Found::Nothing => None,
+            Found::Whole(chunk) => Some(chunk),
+            Found::Torn(name) => {
+                let error = self.damage("", index, "files of two bakes", "files of one bake");
+                return Err(match error {
+                    Error::Format { format, found, expected, remedy, .. } => {
+                        Error::Format { file: name.display().to_string(), format, found, expected, remedy }
+                    }
+                    other => other,
+                });
+            }
+        };
+        Ok(cell.get_or_init(|| found).as_deref())
+    }
+
+    /// The brick in a slot of an open chunk; its checksums are verified the first time.
+    fn view<'a>(&self, chunk: &'a OpenChunk, slot: usize) -> Result<Option<BrickView<'a>>> {
+        let bit = 1 << slot;
+        if chunk.present & bit == 0 {
+            return Ok(None);
+        }
+        let place = zarr::rank(chunk.present, slot);
+        let bytes = brick_bytes(&self.layout.layers);
+        let parts: [(&[u8], u32); 4] =
+            std::array::from_fn(|array| zarr::inner_chunk(&chunk.shards[array], place, bytes[array]));
+        if chunk.verified.load(Ordering::Relaxed) & bit == 0 {
+            for (array, (part, stored)) in parts.iter().enumerate() {
+                let found = zarr::checksum(part);
+                if found != *stored {
+                    let key = self.shard_key(array, chunk.index);
+                    let found = format!("brick {slot} with crc32c {found:08x}");
+                    return Err(self.damage(&key, chunk.index, found, format!("crc32c {stored:08x}")));
+                }
+            }
+            chunk.verified.fetch_or(bit, Ordering::Relaxed);
+        }
+        // The casts cannot fail: `Bytes` start at a multiple of 4, and so does every brick.
+        let [(transfer, _), (stderr, _), (validity, _), (rays, _)] = parts;
+        Ok(Some(BrickView {
+            transfer: bytemuck::cast_slice(transfer),
+            stderr: bytemuck::cast_slice(stderr),
+            validity,
+            rays: bytemuck::cast_slice(rays),
+        }))
+    }
+}
+
+/// Bricks as they were when their chunk was first touched through this [`Store`].
+impl BrickSource for Store {
+    fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    fn brick(&self, index: [usize; 3]) -> Result<Option<BrickView<'_>>> {
+        check_index("brick", index, self.layout.lattice.bricks())?;
+        let Some(chunk) = self.open_chunk(index.map(|i| i / SIDE))? else { return Ok(None) };
+        let [x, y, z] = index.map(|i| i % SIDE);
+        self.view(chunk, x + SIDE * (y + SIDE * z))
+    }
+}

@@ -1,0 +1,118 @@
+//! What a store was baked from and how: the part that must not differ when a bake goes on.
+
+use super::super::{Lattice, Layers, Layout};
+use super::zarr::{FORMAT, METADATA_REMEDY};
+use crate::error::{Error, Result};
+use crate::volume::{Solid, Volume};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Version of the format that this program writes and the only one it reads.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// What decides the numbers in a store. Two bakes with equal identities fill one store; with
+/// different ones they are refused ([`Error::Mismatch`]).
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Identity {
+    /// Version of the format, [`FORMAT_VERSION`].
+    pub format_version: u32,
+    /// [`Volume::content_hash`].
+    pub volume: String,
+    /// Samples of the volume along x, y, z.
+    pub grid: [usize; 3],
+    /// Texels along x, y, z.
+    pub texels: [usize; 3],
+    /// Which side is matter: "above" or "below".
+    pub solid: String,
+    /// Bands of each layer.
+    pub bands: Vec<usize>,
+    /// Name of the estimator, such as "path".
+    pub estimator: String,
+    /// Whether the transfer is a sum with positive weights (no control variate).
+    pub positive: bool,
+    /// Seed of all random numbers.
+    pub seed: u64,
+}
+
+impl Identity {
+    /// The identity of a bake of `volume`.
+    pub fn new(volume: &Volume, layout: &Layout, estimator: impl Into<String>, positive: bool, seed: u64) -> Self {
+        Self {
+            format_version: FORMAT_VERSION,
+            volume: volume.content_hash(),
+            grid: layout.lattice.grid(),
+            texels: layout.lattice.texels(),
+            solid: solid_name(volume.solid).into(),
+            bands: layout.layers.bands().to_vec(),
+            estimator: estimator.into(),
+            positive,
+            seed,
+        }
+    }
+
+    /// Lattice and layers.
+    ///
+    /// # Errors
+    /// When the numbers are outside what a texture can be.
+    pub fn layout(&self) -> Result<Layout> {
+        let sensible = |n: &[usize; 3]| n.iter().all(|&m| (1..=1 << 24).contains(&m));
+        if !(sensible(&self.grid) && sensible(&self.texels)) {
+            return Err(Error::format(
+                FORMAT,
+                format!("grid {:?}, texels {:?}", self.grid, self.texels),
+                "1 to 2^24 along each axis",
+                METADATA_REMEDY,
+            ));
+        }
+        Ok(Layout { lattice: Lattice::from_texels(self.grid, self.texels)?, layers: Layers::new(self.bands.clone())? })
+    }
+
+    /// BLAKE3 of the identity written as JSON, in hexadecimal digits.
+    pub fn hash(&self) -> String {
+        let text = serde_json::to_string(self).unwrap_or_default(); // A struct of plain values always is JSON.
+        blake3::hash(text.as_bytes()).to_hex().to_string()
+    }
+
+    /// The first field that differs: its name, its value here and its value in `other`.
+    pub fn first_difference(&self, other: &Self) -> Option<(&'static str, String, String)> {
+        let list = |v: &[usize]| format!("{v:?}");
+        let fields = |i: &Self| {
+            [
+                ("format_version", i.format_version.to_string()),
+                ("volume", i.volume.clone()),
+                ("grid", list(&i.grid)),
+                ("texels", list(&i.texels)),
+                ("solid", i.solid.clone()),
+                ("bands", list(&i.bands)),
+                ("estimator", i.estimator.clone()),
+                ("positive", i.positive.to_string()),
+                ("seed", i.seed.to_string()),
+            ]
+        };
+        let pairs = fields(self).into_iter().zip(fields(other));
+        pairs.into_iter().find(|(a, b)| a != b).map(|((name, a), (_, b))| (name, a, b))
+    }
+
+    /// Refuses an identity that differs from that of the store at `path`.
+    pub(super) fn check(&self, asked: &Self, path: &Path) -> Result<()> {
+        match self.first_difference(asked) {
+            None => Ok(()),
+            Some((field, stored, asked)) => Err(Error::Mismatch {
+                path: path.into(),
+                field: field.into(),
+                stored,
+                asked,
+                remedy: format!("give another output with -o, or delete {} to bake anew", path.display()),
+            }),
+        }
+    }
+}
+
+/// The name of a side in files.
+pub(super) fn solid_name(solid: Solid) -> &'static str {
+    match solid {
+        Solid::Above => "above",
+        Solid::Below => "below",
+    }
+}

@@ -1,0 +1,581 @@
+//! Tests of the store as a whole.
+
+use super::super::texture::MemoryTexture;
+use super::super::{BRICK_TEXELS, Brick, BrickSource, Lattice, Layers};
+use super::zarr::{SIDE, SLOTS};
+use super::*;
+use crate::geom::{Affine, Up};
+use crate::volume::{LengthUnit, Note, Samples, Solid};
+use glam::{DMat3, DVec3};
+use half::f16;
+use std::fs;
+use std::path::PathBuf;
+
+/// Numbers for tests (Vigna 2015, splitmix64).
+pub(super) struct Numbers(pub u64);
+
+impl Numbers {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let a = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let b = (a ^ a >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        b ^ b >> 31
+    }
+
+    fn below(&mut self, n: usize) -> usize {
+        (self.next() % n as u64) as usize
+    }
+}
+
+/// A volume whose numbers need all their digits: an oblique, left-handed map, thirds and tenths.
+fn volume() -> Volume {
+    let dims = [40, 12, 70];
+    let samples = (0..dims.iter().product::<usize>()).map(|i| (i * 7 % 1000) as i16 - 500).collect();
+    let linear = DMat3::from_cols(
+        DVec3::new(-1.0 / 3.0, 0.1, 0.0),
+        DVec3::new(0.1, 100.7, 1e-3),
+        DVec3::new(f64::EPSILON, 0.0, 2.0_f64.sqrt()),
+    );
+    let affine = Affine::new(linear, DVec3::new(1e6 + 0.1, -0.0, 1e-300)).unwrap();
+    let mut volume = Volume::new(dims, Samples::I16(samples), affine).unwrap().with_scaling(0.1, -1024.3).unwrap();
+    volume.name = "a/b ü".into();
+    volume.unit = LengthUnit::Metres(1e-3);
+    volume.up = Up::NegY;
+    volume.solid = Solid::Below;
+    volume.notes = vec![Note { text: "replaced NaN by \"0\"".into(), count: 3 }];
+    volume
+}
+
+fn layout() -> Layout {
+    Layout {
+        lattice: Lattice::from_texels([40, 12, 70], [40, 12, 70]).unwrap(),
+        layers: Layers::new(vec![2, 1]).unwrap(),
+    }
+}
+
+fn identity() -> Identity {
+    Identity::new(&volume(), &layout(), "path", false, u64::MAX)
+}
+
+fn provenance() -> Value {
+    json!({ "program": "isolume", "third": 1.0 / 3.0, "tenth": 0.1, "nested": { "z": [1, -2, null], "a": "ä" } })
+}
+
+fn extent(rays: u32) -> ChunkExtent {
+    ChunkExtent { isovalues: Isovalues::List(vec![0.1, 1.0 / 3.0]), rays, error_target: Some(0.01) }
+}
+
+fn brick(seed: u64) -> Brick {
+    let mut numbers = Numbers(seed);
+    let mut brick = Brick::unbaked(&layout().layers);
+    // Any bits, NaN of every kind among them.
+    brick.transfer.iter_mut().for_each(|v| *v = f16::from_bits(numbers.next() as u16));
+    brick.stderr.iter_mut().for_each(|v| *v = f16::from_bits(numbers.next() as u16));
+    brick.validity.iter_mut().for_each(|v| *v = numbers.next() as u8);
+    brick.rays.iter_mut().for_each(|v| *v = numbers.next() as u32);
+    brick
+}
+
+/// Some bricks of a chunk, none beyond the lattice.
+fn bricks(index: [usize; 3], seed: u64) -> Vec<Option<Brick>> {
+    let mut numbers = Numbers(seed);
+    let count = layout().lattice.bricks();
+    (0..SLOTS)
+        .map(|slot| {
+            let inside = [slot % SIDE, slot / SIDE % SIDE, slot / (SIDE * SIDE)];
+            let seed = numbers.next();
+            let exists = (0..3).all(|a| index[a] * SIDE + inside[a] < count[a]) && seed % 3 > 0;
+            exists.then(|| brick(seed))
+        })
+        .collect()
+}
+
+/// A store with three of its six chunks.
+fn filled(directory: &Path) -> (PathBuf, Store) {
+    let path = directory.join("x.isolume");
+    let store = Store::create(&path, &volume(), &identity(), provenance()).unwrap();
+    for (seed, index) in [[0, 0, 0], [1, 0, 2], [0, 0, 1]].into_iter().enumerate() {
+        store.write_chunk(index, bricks(index, seed as u64), &extent(64)).unwrap();
+    }
+    (path, store)
+}
+
+fn bytes_of(bricks: &[Option<Brick>]) -> Vec<Option<Vec<u8>>> {
+    let bytes = |b: &Brick| {
+        let mut all = bytemuck::cast_slice::<f16, u8>(&b.transfer).to_vec();
+        all.extend(bytemuck::cast_slice::<f16, u8>(&b.stderr));
+        all.extend(&b.validity);
+        all.extend(bytemuck::cast_slice::<u32, u8>(&b.rays));
+        all
+    };
+    bricks.iter().map(|b| b.as_ref().map(bytes)).collect()
+}
+
+/// All that can be read through a store, in a form that compares bit by bit.
+fn everything(path: &Path) -> Result<String> {
+    let store = Store::open(path)?;
+    let volume = store.volume()?;
+    let mut all = format!("{:?} {:?} {}", store.identity(), store.layout(), store.provenance());
+    all += &format!("{:?} {:?} {:?}", volume.name, volume.unit, volume.up);
+    all += &format!("{:?} {:?} {}", volume.solid, volume.notes, volume.content_hash());
+    let ([nx, ny, nz], [cx, cy, cz]) = (layout().lattice.bricks(), layout().lattice.chunks());
+    for index in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
+        let view = store.brick(index)?.map(|view| view.to_brick());
+        all += &format!("{:?}", blake3::hash(format!("{:?}", bytes_of(&[view])).as_bytes()));
+    }
+    for index in (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]) {
+        all += &format!("{:?}", store.chunk_extent(index)?);
+    }
+    Ok(all)
+}
+
+/// All files below a directory, with their bytes.
+fn files(directory: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut all = Vec::new();
+    for entry in fs::read_dir(directory).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() { all.extend(files(&path)) } else { all.push((path.clone(), fs::read(path).unwrap())) }
+    }
+    all.sort();
+    all
+}
+
+#[test]
+fn what_is_written_comes_back() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = filled(directory.path());
+    let store = Store::open(&path).unwrap();
+    assert_eq!((store.identity(), store.layout(), store.provenance()), (&identity(), &layout(), &provenance()));
+    let (found, made) = (store.volume().unwrap(), volume());
+    assert_eq!(found.samples(), made.samples());
+    assert_eq!(found.content_hash(), made.content_hash());
+    assert_eq!((found.name, found.unit, found.up, found.solid), (made.name, made.unit, made.up, made.solid));
+    assert_eq!(found.notes, made.notes);
+    let (read, how) = store.read_chunk([1, 0, 2]).unwrap().unwrap();
+    assert_eq!((bytes_of(&read), how), (bytes_of(&bricks([1, 0, 2], 1)), extent(64)));
+    assert!(store.read_chunk([1, 0, 0]).unwrap().is_none());
+    // The same through views, brick by brick.
+    let copy = MemoryTexture::from_source(&store).unwrap();
+    for (slot, expected) in read.iter().enumerate() {
+        let index = [4 + slot % 4, slot / 4 % 4, 8 + slot / 16];
+        if index.iter().zip(layout().lattice.bricks()).all(|(i, n)| *i < n) {
+            let view = copy.brick(index).unwrap().map(|v| v.to_brick());
+            assert_eq!(bytes_of(&[view]), bytes_of(std::slice::from_ref(expected)));
+        }
+    }
+    assert!(store.brick([0, 2, 0]).unwrap_err().to_string().contains("(0, 2, 0)"));
+}
+
+#[test]
+fn every_sample_type_survives() {
+    let directory = tempfile::tempdir().unwrap();
+    let dims = [65, 2, 130]; // More than one chunk along two axes, a part of one along the third.
+    let mut numbers = Numbers(5);
+    let raw: Vec<u64> = (0..dims.iter().product()).map(|_| numbers.next()).collect();
+    let cases = [
+        Samples::U8(raw.iter().map(|&v| v as u8).collect()),
+        Samples::I8(raw.iter().map(|&v| v as i8).collect()),
+        Samples::U16(raw.iter().map(|&v| v as u16).collect()),
+        Samples::I16(raw.iter().map(|&v| v as i16).collect()),
+        // Any finite bits, subnormal numbers among them.
+        Samples::F32(raw.iter().map(|&v| f32::from_bits(v as u32 & 0xbf7f_ffff)).collect()),
+    ];
+    for samples in cases {
+        let layout =
+            Layout { lattice: Lattice::from_ratio(dims, 0.5).unwrap(), layers: Layers::uniform(1, 1).unwrap() };
+        let volume = Volume::new(dims, samples, Affine::IDENTITY).unwrap();
+        let identity = Identity::new(&volume, &layout, "gather", true, 0);
+        let path = directory.path().join(volume.samples().type_name());
+        let store = Store::create(&path, &volume, &identity, Value::Null).unwrap();
+        assert_eq!(store.volume().unwrap().samples(), volume.samples());
+        assert_eq!(store.volume().unwrap().unit, LengthUnit::Unknown);
+    }
+}
+
+#[test]
+fn a_chunk_grows_while_an_old_reader_keeps_what_it_has() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, mut writer) = filled(directory.path());
+    let reader = Store::open(&path).unwrap();
+    let old = bricks([0, 0, 0], 0);
+    let slot = old.iter().position(Option::is_some).unwrap();
+    let index = [slot % 4, slot / 4 % 4, slot / 16];
+    let view = reader.brick(index).unwrap().unwrap();
+    assert!(writer.brick(index).unwrap().is_some());
+
+    let resumed = Store::open_or_create(&path, &volume(), &identity(), json!("not used")).unwrap();
+    assert_eq!(resumed.provenance(), &provenance());
+    let (mut grown, _) = resumed.read_chunk([0; 3]).unwrap().unwrap();
+    grown[slot] = Some(brick(99));
+    let more = ChunkExtent { isovalues: Isovalues::All, rays: 256, error_target: None };
+    resumed.write_chunk([0; 3], grown.clone(), &more).unwrap();
+
+    assert_eq!(bytes_of(&[Some(view.to_brick())]), bytes_of(&old[slot..=slot]));
+    assert_eq!(resumed.read_chunk([0; 3]).unwrap().map(|(b, e)| (bytes_of(&b), e)), Some((bytes_of(&grown), more)));
+    let seen = |store: &Store| bytes_of(&[store.brick(index).unwrap().map(|v| v.to_brick())]);
+    assert_eq!(seen(&writer), bytes_of(&old[slot..=slot]));
+    writer.refresh();
+    assert_eq!(seen(&writer), bytes_of(&grown[slot..=slot]));
+}
+
+#[test]
+fn every_field_of_the_identity_must_match() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = filled(directory.path());
+    let mut other_volume = volume();
+    other_volume.solid = Solid::Above;
+    let cases = [
+        ("format_version", Identity { format_version: 2, ..identity() }),
+        ("volume", Identity { volume: "00".into(), ..identity() }),
+        ("grid", Identity { grid: [41, 12, 70], ..identity() }),
+        ("texels", Identity { texels: [40, 12, 35], ..identity() }),
+        ("solid", Identity::new(&other_volume, &layout(), "path", false, u64::MAX)),
+        ("bands", Identity { bands: vec![2, 2], ..identity() }),
+        ("estimator", Identity { estimator: "gather".into(), ..identity() }),
+        ("positive", Identity { positive: true, ..identity() }),
+        ("seed", Identity { seed: u64::MAX - 1, ..identity() }),
+    ];
+    for (name, asked) in cases {
+        match Store::open_or_create(&path, &volume(), &asked, Value::Null) {
+            Err(Error::Mismatch { field, stored, asked, remedy, .. }) => {
+                assert_eq!(field, name);
+                assert!(stored != asked && remedy.contains("-o"), "{stored} {asked} {remedy}");
+            }
+            other => panic!("{name}: {other:?}"),
+        }
+        assert_ne!(asked.hash(), identity().hash());
+    }
+    // And a new store asks that the identity belongs to the volume.
+    for (name, asked) in [
+        ("format_version", Identity { format_version: 2, ..identity() }),
+        ("volume", Identity { volume: "00".into(), ..identity() }),
+        ("grid", Identity { grid: [41, 12, 70], ..identity() }),
+        ("solid", Identity { solid: "above".into(), ..identity() }),
+    ] {
+        let error = Store::create(directory.path().join("new"), &volume(), &asked, Value::Null).unwrap_err();
+        assert!(error.to_string().starts_with(&format!("identity.{name}")), "{error}");
+    }
+}
+
+#[test]
+fn equal_input_gives_equal_bytes_in_any_order_of_chunks() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = filled(directory.path());
+    let other = directory.path().join("y.isolume");
+    let store = Store::create(&other, &volume(), &identity(), provenance()).unwrap();
+    store.write_chunk([0, 0, 0], bricks([0, 0, 0], 77), &extent(16)).unwrap();
+    for (seed, index) in [[0, 0, 0], [1, 0, 2], [0, 0, 1]].into_iter().enumerate().rev() {
+        store.write_chunk(index, bricks(index, seed as u64), &extent(64)).unwrap();
+    }
+    let relative = |root: &Path| -> Vec<_> {
+        files(root).into_iter().map(|(p, b)| (p.strip_prefix(root).unwrap().to_owned(), b)).collect()
+    };
+    assert_eq!(relative(&path), relative(&other));
+    for (root, zip) in [(&path, "x.zip"), (&other, "y.zip")] {
+        pack_zip(root, directory.path().join(zip)).unwrap();
+    }
+    assert_eq!(fs::read(directory.path().join("x.zip")).unwrap(), fs::read(directory.path().join("y.zip")).unwrap());
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        let plain = directory.path().join("plain");
+        fs::write(&plain, "").unwrap();
+        let mode = |p: &Path| fs::metadata(p).unwrap().permissions().mode();
+        assert_eq!(mode(&files(&path)[0].0), mode(&plain), "files are as readable as any other");
+    }
+}
+
+/// Every file of a store, with bytes flipped and cut off: found, with the name of the file, or
+/// without effect on anything that can be read.
+#[test]
+fn damage_is_found_by_name_or_has_no_effect() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = filled(directory.path());
+    let sound = everything(&path).unwrap();
+    let mut numbers = Numbers(1);
+    let (mut found, mut harmless) = (0, 0);
+    for (file, bytes) in files(&path) {
+        let is_text = file.extension().is_some_and(|e| e == "json");
+        let mut positions: Vec<usize> = (0..24).map(|_| numbers.below(bytes.len())).collect();
+        // The places that a shard does not checksum: its stamp; and both ends.
+        positions.extend([
+            0,
+            bytes.len() - 1,
+            bytes.len() - bytes.len().min(1030),
+            bytes.len() - bytes.len().min(1044),
+        ]);
+        for position in positions {
+            let mut damaged = bytes.clone();
+            damaged[position] ^= 1 << numbers.below(8);
+            let cut = bytes[..position].to_vec();
+            for (what, damaged) in [("flipped", damaged), ("cut", cut)] {
+                fs::write(&file, &damaged).unwrap();
+                match everything(&path) {
+                    Err(error) => {
+                        let (message, name) = (error.to_string(), file.display().to_string());
+                        let root = file == path.join("zarr.json") && message.contains(&path.display().to_string());
+                        assert!(message.contains(&name) || root, "{what} {position} of {name}: {message}");
+                        found += 1;
+                    }
+                    Ok(read) => {
+                        assert!(is_text, "{what} {position} of {} unnoticed", file.display());
+                        assert_eq!(read, sound, "{what} {position} of {}", file.display());
+                        harmless += 1;
+                    }
+                }
+            }
+        }
+        fs::remove_file(&file).unwrap();
+        match everything(&path) {
+            Err(error) => assert!(error.to_string().contains(&path.display().to_string()), "{error}"),
+            Ok(read) => assert!(file.to_string_lossy().contains("/transfer/c/") && read != sound), // Not baked.
+        }
+        fs::write(&file, &bytes).unwrap();
+    }
+    assert_eq!(everything(&path).unwrap(), sound);
+    assert!(found > 500 && harmless > 0, "{found} found, {harmless} harmless");
+}
+
+#[test]
+fn a_damaged_chunk_is_redone_alone_after_its_file_is_deleted() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, store) = filled(directory.path());
+    let sound = everything(&path).unwrap();
+    let file = path.join("transfer/a_b__/env/rays/c/0/0/0");
+    let mut bytes = fs::read(&file).unwrap();
+    bytes[100] ^= 1;
+    fs::write(&file, bytes).unwrap();
+    let message = store.read_chunk([0; 3]).unwrap_err().to_string();
+    assert!(message.contains("rays/c/0/0/0") && message.contains("crc32c") && message.contains("only it"), "{message}");
+    assert!(store.read_chunk([0, 0, 1]).unwrap().is_some());
+    fs::remove_file(path.join("transfer/a_b__/env/transfer/c/0/0/0/0")).unwrap();
+    assert!(store.read_chunk([0; 3]).unwrap().is_none());
+    store.write_chunk([0; 3], bricks([0; 3], 0), &extent(64)).unwrap();
+    assert_eq!(everything(&path).unwrap(), sound);
+}
+
+#[test]
+fn a_killed_writer_leaves_a_chunk_that_is_baked_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, store) = filled(directory.path());
+    let env = path.join("transfer/a_b__/env");
+    let order = ["extent/0.0.0.json", "validity/c/0/0/0", "rays/c/0/0/0", "stderr/c/0/0/0/0", "transfer/c/0/0/0/0"];
+    let read = || order.map(|name| fs::read(env.join(name)).unwrap());
+    let old = read();
+    store.write_chunk([0; 3], bricks([0; 3], 50), &extent(128)).unwrap();
+    let new = read();
+    for renamed in 0..=order.len() {
+        // The state after so many renames, over an older chunk and without one.
+        for (n, name) in order.iter().enumerate() {
+            fs::write(env.join(name), if n < renamed { &new[n] } else { &old[n] }).unwrap();
+        }
+        let store = Store::open(&path).unwrap();
+        let whole = renamed == 0 || renamed == order.len();
+        assert_eq!(store.read_chunk([0; 3]).unwrap().is_some(), whole, "{renamed} renamed");
+        assert_eq!(store.chunk_extent([0; 3]).unwrap().is_some(), whole);
+        let brick = store.brick([0; 3]).map(|_| ());
+        assert_eq!(brick.is_ok(), whole);
+        if let Err(error) = brick {
+            assert!(error.to_string().contains("files of two bakes"), "{error}");
+        }
+        if renamed < order.len() {
+            fs::remove_file(env.join(order[4])).unwrap();
+            assert!(Store::open(&path).unwrap().brick([0; 3]).unwrap().is_none());
+        }
+    }
+    // What was staged and never renamed disappears when the chunk is written again.
+    let clutter = env.join("rays/c/0/0/.partial-0-AbCdEf");
+    fs::write(&clutter, "x").unwrap();
+    store.write_chunk([0; 3], bricks([0; 3], 50), &extent(128)).unwrap();
+    assert!(!clutter.exists());
+    assert_eq!(read(), new);
+}
+
+#[test]
+fn chunks_moved_to_another_place_are_noticed() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = filled(directory.path());
+    let env = path.join("transfer/a_b__/env");
+    for array in ["transfer", "stderr", "validity", "rays"] {
+        let tail = if array == "transfer" || array == "stderr" { "/0" } else { "" };
+        let from = env.join(format!("{array}/c/0/0/0{tail}"));
+        fs::copy(from, env.join(format!("{array}/c/1/0/0{tail}"))).unwrap();
+    }
+    assert!(Store::open(&path).unwrap().brick([0, 0, 4]).unwrap_err().to_string().contains("two bakes"));
+    fs::copy(env.join("extent/0.0.0.json"), env.join("extent/1.0.0.json")).unwrap();
+    assert!(Store::open(&path).unwrap().brick([0, 0, 4]).is_err());
+}
+
+#[test]
+fn chunks_that_do_not_fit_are_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, store) = filled(directory.path());
+    let before = files(&path);
+    let refused = |index, bricks, extent: ChunkExtent, word: &str| {
+        let message = store.write_chunk(index, bricks, &extent).unwrap_err().to_string();
+        assert!(message.contains(word), "{message}");
+    };
+    refused([2, 0, 0], vec![None; 64], extent(1), "chunk index");
+    refused([0; 3], vec![None; 63], extent(1), "63 bricks");
+    let mut beyond = vec![None; 64];
+    beyond[2 * SIDE] = Some(brick(0)); // Brick y = 2 of 2: texels 16… of 12.
+    refused([0; 3], beyond, extent(1), "(0, 2, 0)");
+    let mut short = vec![None; 64];
+    short[0] = Some(Brick { rays: vec![0; BRICK_TEXELS - 1], ..brick(0) });
+    refused([0; 3], short, extent(1), "brick.rays");
+    refused([0; 3], vec![None; 64], ChunkExtent { error_target: Some(f64::NAN), ..extent(1) }, "finite");
+    assert_eq!(files(&path), before);
+    // A chunk in which nothing had to be baked is a chunk.
+    store.write_chunk([1, 0, 1], vec![None; 64], &extent(4)).unwrap();
+    let (bricks, how) = store.read_chunk([1, 0, 1]).unwrap().unwrap();
+    assert!(bricks.iter().all(Option::is_none) && how == extent(4));
+}
+
+#[test]
+fn paths_that_hold_no_store_are_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = filled(directory.path());
+    let at = |name: &str| directory.path().join(name);
+    let message = |path: &Path| Store::open(path).unwrap_err().to_string();
+    assert!(message(&at("absent")).contains("absent: cannot open the store"));
+    fs::write(at("file"), "text").unwrap();
+    assert!(message(&at("file")).contains("a file of another kind"));
+    fs::write(at("empty"), "").unwrap();
+    assert!(message(&at("empty")).contains("a file of another kind"));
+    fs::create_dir(at("directory")).unwrap();
+    assert!(message(&at("directory")).contains("no zarr.json inside"));
+    fs::write(at("directory/.zgroup"), "{}").unwrap();
+    assert!(message(&at("directory")).contains("version 2"));
+    fs::write(at("directory/zarr.json"), zarr::group(json!({})).to_string()).unwrap();
+    assert!(message(&at("directory")).contains("another program"));
+    fs::write(at("directory/zarr.json"), "{\"zarr_format\": 3").unwrap();
+    assert!(message(&at("directory")).contains("EOF"));
+    assert!(message(&path.join("transfer/a_b__/env/rays")).contains("a Zarr array"));
+    for root in [json!({ "format_version": 2 }), json!({})] {
+        fs::write(at("directory/zarr.json"), zarr::group(sealed(json!({ "isolume": root }))).to_string()).unwrap();
+        assert!(message(&at("directory")).contains("expected format version 1"));
+    }
+    // A node name that would lead out of the store.
+    let root = json!({ "isolume": { "format_version": 1, "volume": "../../x" } });
+    fs::write(at("directory/zarr.json"), zarr::group(sealed(root)).to_string()).unwrap();
+    assert!(message(&at("directory")).contains("name of a volume"));
+    for taken in ["file", "directory", "x.isolume"] {
+        let error = Store::create(at(taken), &volume(), &identity(), Value::Null).unwrap_err();
+        assert!(error.to_string().contains("a path where nothing is yet"), "{error}");
+    }
+    let error = Store::open_or_create(at("no/such/parent"), &volume(), &identity(), Value::Null).unwrap_err();
+    assert!(error.to_string().contains("cannot create the store"), "{error}");
+}
+
+#[test]
+fn a_header_that_claims_too_much_is_refused_before_memory_is_asked_for() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = filled(directory.path());
+    let key = path.join("transfer/a_b__/env/zarr.json");
+    let mut group: Value = serde_json::from_slice(&fs::read(&key).unwrap()).unwrap();
+    let mut attributes = unsealed(&group).unwrap();
+    for (size, word) in [([1 << 20; 3], "chunks"), ([usize::MAX; 3], "2^24"), ([0, 12, 70], "2^24")] {
+        attributes["identity"]["texels"] = json!(size);
+        attributes["identity"]["grid"] = json!(size);
+        group["attributes"] = sealed(attributes.clone());
+        fs::write(&key, group.to_string()).unwrap();
+        let message = Store::open(&path).unwrap_err().to_string();
+        assert!(message.contains(word), "{message}");
+    }
+    // A deep provenance could be written but not be read.
+    let deep = (0..200).fold(json!(0), |inner, _| json!([inner]));
+    let error = Store::create(directory.path().join("deep"), &volume(), &identity(), deep).unwrap_err();
+    assert!(error.to_string().contains("provenance"), "{error}");
+    let long = json!("x".repeat(LONGEST_PROVENANCE));
+    let error = Store::create(directory.path().join("long"), &volume(), &identity(), long).unwrap_err();
+    assert!(matches!(error, Error::Limit { .. }), "{error}");
+}
+
+#[test]
+fn a_zip_of_a_store_reads_like_the_store() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = filled(directory.path());
+    let zip = directory.path().join("x.zip");
+    pack_zip(&path, &zip).unwrap();
+    assert_eq!(everything(&zip).unwrap(), everything(&path).unwrap());
+    let store = Store::open(&zip).unwrap();
+    assert!(store.write_chunk([0; 3], vec![None; 64], &extent(1)).unwrap_err().to_string().contains("unpack"));
+    assert!(store.lock().unwrap_err().to_string().contains("unpack"));
+    assert!(pack_zip(&path, &zip).is_err(), "never over something that exists");
+
+    // As `zip -0 -r` packs: the directory's name before every key, nothing aligned.
+    use std::io::Write;
+    let foreign = directory.path().join("foreign.zip");
+    let mut out = ::zip::ZipWriter::new(fs::File::create(&foreign).unwrap());
+    let options = ::zip::write::SimpleFileOptions::default().compression_method(::zip::CompressionMethod::Stored);
+    out.add_directory("x.isolume/", options).unwrap();
+    for (file, bytes) in files(&path) {
+        let key = file.strip_prefix(directory.path()).unwrap().to_string_lossy().into_owned();
+        out.start_file(key, options).unwrap();
+        out.write_all(&bytes).unwrap();
+    }
+    out.finish().unwrap();
+    assert_eq!(everything(&foreign).unwrap(), everything(&path).unwrap());
+    let sound = fs::read(&foreign).unwrap();
+    for part in 1..16 {
+        fs::write(&foreign, &sound[..sound.len() * part / 16]).unwrap();
+        assert!(everything(&foreign).unwrap_err().to_string().contains("foreign.zip"));
+    }
+    // The last entry marked as deflated (8), in its central header.
+    let mut deflated = sound.clone();
+    let header = sound.windows(4).rposition(|w| w == b"PK\x01\x02").unwrap();
+    deflated[header + 10] = 8;
+    fs::write(&foreign, deflated).unwrap();
+    let message = everything(&foreign).unwrap_err().to_string();
+    assert!(message.contains("zip -0 -r") && message.contains("foreign.zip"), "{message}");
+    // Flipped anywhere, it is refused or reads the same.
+    let mut numbers = Numbers(3);
+    for _ in 0..200 {
+        let mut flipped = sound.clone();
+        // Half of the flips among the directory of the archive at its end.
+        let span = if numbers.below(2) == 0 { flipped.len() } else { flipped.len() - header + 2000 };
+        let position = flipped.len() - 1 - numbers.below(span);
+        flipped[position] ^= 1 << numbers.below(8);
+        fs::write(&foreign, flipped).unwrap();
+        match everything(&foreign) {
+            Err(error) => assert!(error.to_string().contains("foreign.zip"), "{error}"),
+            Ok(read) => assert_eq!(read, everything(&path).unwrap(), "flip at {position} unnoticed"),
+        }
+    }
+}
+
+#[test]
+fn a_second_baker_is_kept_out_until_the_first_is_done() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, store) = filled(directory.path());
+    let before = everything(&path).unwrap();
+    let lock = store.lock().unwrap();
+    let message = Store::open(&path).unwrap().lock().unwrap_err().to_string();
+    assert!(message.contains(&format!("process {}", std::process::id())), "{message}");
+    assert_eq!(everything(&path).unwrap(), before);
+    drop(lock);
+    assert!(!path.join(".lock").exists());
+    // What a killed process leaves: the file, with nobody holding it.
+    fs::write(path.join(".lock"), "process 1 on elsewhere\nand more").unwrap();
+    let lock = store.lock().unwrap();
+    assert_eq!(fs::read_to_string(path.join(".lock")).unwrap().lines().count(), 1);
+    drop(lock);
+}
+
+#[test]
+fn names_of_nodes_are_safe_and_settle() {
+    for (name, node) in [
+        ("mni152_t1-2.5mm", "mni152_t1-2.5mm"),
+        ("", "volume"),
+        ("..", "volume.."),
+        ("__x", "volume__x"),
+        ("/etc/passwd", "_etc_passwd"),
+        ("zarr json", "zarr_json"),
+    ] {
+        assert_eq!(node_name(name), node);
+        assert_eq!(node_name(node), node);
+    }
+    let long = node_name(&".".repeat(100));
+    assert_eq!(long.len(), 64);
+    assert_eq!(node_name(&long), long);
+}

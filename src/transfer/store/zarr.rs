@@ -1,0 +1,291 @@
+//! The part of Zarr v3 that a store uses, written by hand: metadata of groups and arrays, chunk
+//! keys, and shards. Knows nothing of transfer.
+//!
+//! Source: Zarr core specification v3.0, and its `sharding_indexed` (version 1.0), `bytes` and
+//! `crc32c` codecs. Of these we write and read exactly one form each: a regular grid, the default
+//! key encoding with `/`, little-endian bytes followed by CRC-32C, the shard index at the end.
+//!
+//! # A shard file
+//! ```text
+//! inner chunks that exist, x fastest, without gaps: bytes, then their CRC-32C (4 bytes)
+//! stamp (16 bytes, named by no index entry: the specification allows such space)
+//! index: for each of the 4³ inner chunks, x fastest, offset and length as u64;
+//!        both 2⁶⁴−1 for a chunk that does not exist
+//! CRC-32C of the index (4 bytes)
+//! ```
+//! We ask for this very packing when we read: every byte of the file is then accounted for, so
+//! that no truncation, insertion or flipped bit passes. The lengths of inner chunks are multiples
+//! of 4, so all of them stay aligned for f16 and u32 in a mapped file.
+
+use crate::error::{Error, Result};
+use serde_json::{Map, Value, json};
+use std::io::{self, Write};
+
+/// Inner chunks along the side of a shard.
+pub(super) const SIDE: usize = super::super::CHUNK / super::super::BRICK;
+/// Inner chunks in a shard.
+pub(super) const SLOTS: usize = SIDE * SIDE * SIDE;
+/// Bytes of a checksum.
+pub(super) const CHECKSUM: usize = 4;
+/// Bytes of a stamp.
+pub(super) const STAMP: usize = 16;
+/// Bytes that follow the inner chunks in a shard: stamp, index, checksum of the index.
+const TAIL: usize = STAMP + SLOTS * 16 + CHECKSUM;
+/// Offset and length of an inner chunk that does not exist.
+const MISSING: u64 = u64::MAX;
+
+/// Which of the [`SLOTS`] inner chunks exist, one bit each.
+pub(super) type Presence = u64;
+
+/// The name that error messages give the format.
+pub(super) const FORMAT: &str = "isolume store";
+
+/// What a user does about metadata that cannot be used.
+pub(super) const METADATA_REMEDY: &str = "restore the file from a copy, or bake again into another path";
+
+/// Metadata of a group.
+pub(super) fn group(attributes: Value) -> Value {
+    json!({ "zarr_format": 3, "node_type": "group", "attributes": attributes })
+}
+
+/// What decides the metadata of an array, and how its chunks are cut.
+#[derive(Debug)]
+pub(super) struct Array {
+    /// Entries along each axis, slowest first.
+    pub shape: Vec<usize>,
+    /// Entries of one chunk file along each axis.
+    pub chunk: Vec<usize>,
+    /// Entries of one inner chunk; `None` for an array without shards.
+    pub inner: Option<Vec<usize>>,
+    /// Zarr's (and NumPy's) name of the type.
+    pub data_type: &'static str,
+    /// What a chunk that does not exist reads as.
+    pub fill: Value,
+    /// Names of the axes.
+    pub names: Vec<&'static str>,
+}
+
+impl Array {
+    /// The array's `zarr.json`.
+    pub fn metadata(&self, attributes: Value) -> Value {
+        let codecs = json!([{ "name": "bytes", "configuration": { "endian": "little" } }, { "name": "crc32c" }]);
+        // `bytes` takes no order where there is none to take; zarr-python writes it so.
+        let plain = json!([{ "name": "bytes" }, { "name": "crc32c" }]);
+        let inner_codecs = if matches!(self.data_type, "uint8" | "int8") { &plain } else { &codecs };
+        let codecs = match &self.inner {
+            None => inner_codecs.clone(),
+            Some(inner) => json!([{ "name": "sharding_indexed", "configuration": {
+                "chunk_shape": inner,
+                "codecs": inner_codecs,
+                "index_codecs": codecs,
+                "index_location": "end",
+            } }]),
+        };
+        json!({
+            "zarr_format": 3,
+            "node_type": "array",
+            "shape": self.shape,
+            "data_type": self.data_type,
+            "chunk_grid": { "name": "regular", "configuration": { "chunk_shape": self.chunk } },
+            "chunk_key_encoding": { "name": "default", "configuration": { "separator": "/" } },
+            "fill_value": self.fill,
+            "codecs": codecs,
+            "dimension_names": self.names,
+            "attributes": attributes,
+        })
+    }
+
+    /// Whether the `zarr.json` that was found describes this array. Attributes and the order of
+    /// keys may differ.
+    ///
+    /// # Errors
+    /// Names the first field that differs.
+    pub fn check(&self, found: &Value) -> Result<()> {
+        let expected = self.metadata(Value::Null);
+        for (key, value) in expected.as_object().into_iter().flatten() {
+            if key != "attributes" && found.get(key) != Some(value) {
+                let shown = found.get(key).map_or_else(|| "nothing".into(), shorten);
+                return Err(Error::format(
+                    FORMAT,
+                    format!("`{key}`: {shown}"),
+                    format!("`{key}`: {}", shorten(value)),
+                    METADATA_REMEDY,
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A JSON value for a message: at most about a hundred characters.
+pub(super) fn shorten(value: &Value) -> String {
+    let text = value.to_string();
+    if text.chars().count() <= 100 { text } else { text.chars().take(100).chain("…".chars()).collect() }
+}
+
+/// Adds `consolidated_metadata`, all nodes of the hierarchy below, to the metadata of the root.
+/// zarr-python and xarray then list the groups without walking the directory. We never read it.
+pub(super) fn consolidate(root: &mut Value, nodes: &[(String, Value)]) {
+    let metadata: Map<String, Value> = nodes.iter().cloned().collect();
+    root["consolidated_metadata"] = json!({ "kind": "inline", "must_understand": false, "metadata": metadata });
+}
+
+/// Key of a chunk of an array with axes z, y, x and, if `coefficients`, a fourth that is not cut.
+pub(super) fn chunk_key(array: &str, index: [usize; 3], coefficients: bool) -> String {
+    let [x, y, z] = index;
+    if coefficients { format!("{array}/c/{z}/{y}/{x}/0") } else { format!("{array}/c/{z}/{y}/{x}") }
+}
+
+/// CRC-32C of some bytes.
+pub(super) fn checksum(bytes: &[u8]) -> u32 {
+    crc32c::crc32c(bytes)
+}
+
+/// Length of a shard file with `count` inner chunks of `bytes` bytes each, checksum not counted.
+pub(super) fn shard_length(count: usize, bytes: usize) -> usize {
+    count * (bytes + CHECKSUM) + TAIL
+}
+
+/// Writes a shard. All chunks have the same length, a multiple of 4; `None` does not exist.
+pub(super) fn write_shard(
+    out: &mut dyn Write,
+    chunks: &[Option<(&[u8], u32)>; SLOTS],
+    stamp: &[u8; STAMP],
+) -> io::Result<()> {
+    let length = chunks.iter().flatten().map(|(bytes, _)| bytes.len()).next().unwrap_or(0);
+    for (bytes, sum) in chunks.iter().flatten() {
+        debug_assert!(bytes.len() == length && length.is_multiple_of(4));
+        out.write_all(bytes)?;
+        out.write_all(&sum.to_le_bytes())?;
+    }
+    let mut present: Presence = 0;
+    for (slot, chunk) in chunks.iter().enumerate() {
+        present |= Presence::from(chunk.is_some()) << slot;
+    }
+    let index = index_bytes(present, length);
+    out.write_all(stamp)?;
+    out.write_all(&index)?;
+    out.write_all(&checksum(&index).to_le_bytes())
+}
+
+/// Number of existing inner chunks before `slot`: the place of that slot's chunk in the file.
+pub(super) fn rank(present: Presence, slot: usize) -> usize {
+    (present & ((1 << slot) - 1)).count_ones() as usize
+}
+
+/// The bytes of the index of a packed shard.
+fn index_bytes(present: Presence, length: usize) -> Vec<u8> {
+    let stride = (length + CHECKSUM) as u64;
+    let mut index = Vec::with_capacity(SLOTS * 16);
+    for slot in 0..SLOTS {
+        let entry = match present >> slot & 1 {
+            0 => [MISSING; 2],
+            _ => [rank(present, slot) as u64 * stride, stride],
+        };
+        index.extend(entry.iter().flat_map(|v| v.to_le_bytes()));
+    }
+    index
+}
+
+/// What the tail of a shard says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct ShardTail {
+    /// Which inner chunks exist.
+    pub present: Presence,
+    /// The stamp.
+    pub stamp: [u8; STAMP],
+}
+
+/// Reads and checks the tail of a shard whose inner chunks have `bytes` bytes each.
+///
+/// # Errors
+/// `(found, expected)` when the file is too short or too long, the index does not match its
+/// checksum, or the packing is not ours.
+pub(super) fn read_tail(shard: &[u8], bytes: usize) -> std::result::Result<ShardTail, (String, String)> {
+    let Some(start) = shard.len().checked_sub(TAIL) else {
+        return Err((format!("{} bytes", shard.len()), format!("at least the {TAIL} bytes of a shard's index")));
+    };
+    let (stamp, rest) = shard[start..].split_at(STAMP);
+    let (index, stored) = rest.split_at(SLOTS * 16);
+    let (found, expected) = (checksum(index), little_u32(stored));
+    if found != expected {
+        return Err((format!("index with crc32c {found:08x}"), format!("crc32c {expected:08x}")));
+    }
+    let mut present: Presence = 0;
+    for (slot, entry) in index.chunks_exact(16).enumerate() {
+        present |= Presence::from(entry != [0xff; 16]) << slot;
+    }
+    if index != index_bytes(present, bytes) {
+        return Err(("an index with other places or lengths".into(), format!("packed chunks of {bytes} bytes")));
+    }
+    let expected = shard_length(present.count_ones() as usize, bytes);
+    if shard.len() != expected {
+        return Err((format!("{} bytes", shard.len()), format!("{expected} bytes")));
+    }
+    let mut copy = [0; STAMP];
+    copy.copy_from_slice(stamp);
+    Ok(ShardTail { present, stamp: copy })
+}
+
+/// The inner chunk of a shard whose tail was checked, and the checksum stored behind it.
+pub(super) fn inner_chunk(shard: &[u8], place: usize, bytes: usize) -> (&[u8], u32) {
+    let start = place * (bytes + CHECKSUM);
+    let chunk = &shard[start..start + bytes];
+    (chunk, little_u32(&shard[start + bytes..start + bytes + CHECKSUM]))
+}
+
+/// Little-endian number of four bytes.
+pub(super) fn little_u32(bytes: &[u8]) -> u32 {
+    bytes.iter().rev().fold(0, |n, &b| n << 8 | u32::from(b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shard_gives_back_its_chunks_and_accounts_for_every_byte() {
+        let payload: Vec<Vec<u8>> = (0..SLOTS).map(|s| vec![s as u8; 12]).collect();
+        for present in [0u64, 1, 1 << 63, 0x8000_0010_0300_0001, u64::MAX] {
+            let chunks = std::array::from_fn(|s| {
+                (present >> s & 1 == 1).then(|| (payload[s].as_slice(), checksum(&payload[s])))
+            });
+            let mut file = Vec::new();
+            write_shard(&mut file, &chunks, &[7; STAMP]).unwrap();
+            assert_eq!(file.len(), shard_length(present.count_ones() as usize, 12));
+            assert_eq!(read_tail(&file, 12).unwrap(), ShardTail { present, stamp: [7; STAMP] });
+            for slot in (0..SLOTS).filter(|s| present >> s & 1 == 1) {
+                let (bytes, sum) = inner_chunk(&file, rank(present, slot), 12);
+                assert_eq!((bytes, sum), (payload[slot].as_slice(), checksum(bytes)));
+            }
+            // Every prefix, and a byte too many, is refused; so is another chunk length.
+            assert!((0..file.len()).all(|n| read_tail(&file[..n], 12).is_err()));
+            file.push(0);
+            assert!(read_tail(&file, 12).is_err());
+            file.pop();
+            assert_eq!(read_tail(&file, 16).is_err(), present != 0);
+        }
+    }
+
+    #[test]
+    fn the_checksum_is_crc32c() {
+        assert_eq!(checksum(b"123456789"), 0xe306_9283); // RFC 3720, appendix B.4 family
+    }
+
+    #[test]
+    fn an_array_that_differs_is_named() {
+        let array = Array {
+            shape: vec![2, 3, 4],
+            chunk: vec![32; 3],
+            inner: Some(vec![8; 3]),
+            data_type: "uint8",
+            fill: json!(0),
+            names: vec!["z", "y", "x"],
+        };
+        let mut found = array.metadata(json!({ "anything": 1 }));
+        array.check(&found).unwrap();
+        found["shape"][1] = json!(5);
+        let message = array.check(&found).unwrap_err().to_string();
+        assert!(message.contains("`shape`: [2,5,4]") && message.contains("[2,3,4]"), "{message}");
+    }
+}
