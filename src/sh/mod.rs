@@ -8,6 +8,15 @@
 //! and n² is the number of coefficients. 1 ≤ n ≤ [`MAX_BANDS`].
 
 pub mod basis;
+pub mod certified;
+pub mod coefficients;
+pub mod kernel;
+pub mod project;
+pub mod rotation;
+
+pub use coefficients::Coefficients;
+pub use kernel::Window;
+pub use rotation::Rotation;
 
 /// Most bands that the basis is evaluated for (degree 10).
 pub const MAX_BANDS: usize = 11;
