@@ -1,0 +1,107 @@
+//! 8-bit sRGB PNG from linear light (W3C PNG, third edition). The `sRGB` chunk is set, with
+//! relative colorimetric intent: the numbers are colours, not a photograph to be adapted.
+
+use super::{Image, srgb, write_error};
+use crate::error::{Error, Result};
+use std::io::Write;
+
+/// What to write besides the colours.
+#[derive(Clone, Debug, Default)]
+pub struct PngOptions {
+    /// Keep alpha (straight); otherwise the picture is written as it stands, alpha dropped.
+    pub alpha: bool,
+    /// Text for the keyword `Software`.
+    pub software: Option<String>,
+    /// Text for the keyword `Description`, such as the provenance as JSON.
+    pub description: Option<String>,
+}
+
+/// Writes an image. Colours outside [0, 1] are clamped, as a display would; alpha is linear.
+///
+/// # Errors
+/// [`Error::Argument`] for a pixel that is not finite, [`Error::Io`] (path empty) from the
+/// stream.
+pub fn write(w: &mut (impl Write + ?Sized), image: &Image, options: &PngOptions) -> Result<()> {
+    if let Some(bad) = image.pixels().iter().position(|p| p.iter().any(|c| !c.is_finite())) {
+        let (x, y) = (bad % image.width(), bad / image.width());
+        return Err(Error::argument(
+            "image",
+            format!("{:?} at column {x}, row {y}", image.pixels()[bad]),
+            "finite pixels",
+            "look for the division or overflow that made it",
+        ));
+    }
+    // Both sides fit: an image's side is below 2³¹.
+    let mut encoder = ::png::Encoder::new(w, image.width() as u32, image.height() as u32);
+    encoder.set_color(if options.alpha { ::png::ColorType::Rgba } else { ::png::ColorType::Rgb });
+    encoder.set_depth(::png::BitDepth::Eight);
+    encoder.set_source_srgb(::png::SrgbRenderingIntent::RelativeColorimetric);
+    for (keyword, text) in [("Software", &options.software), ("Description", &options.description)] {
+        if let Some(text) = text {
+            // A NUL would end the text inside the chunk.
+            encoder.add_itxt_chunk(keyword.into(), text.replace('\0', " ")).map_err(encoding_error)?;
+        }
+    }
+    let channels = if options.alpha { 4 } else { 3 };
+    let mut bytes = Vec::with_capacity(image.pixels().len() * channels);
+    for &[r, g, b, a] in image.pixels() {
+        bytes.extend([r, g, b].map(srgb::byte_from_linear));
+        if options.alpha {
+            bytes.push((a.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
+        }
+    }
+    let mut writer = encoder.write_header().map_err(encoding_error)?;
+    writer.write_image_data(&bytes).map_err(encoding_error)?;
+    writer.finish().map_err(encoding_error)
+}
+
+fn encoding_error(error: ::png::EncodingError) -> Error {
+    match error {
+        ::png::EncodingError::IoError(source) => write_error(source),
+        other => Error::argument("image", other, "an image that PNG can hold", "make it smaller"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn decode(bytes: &[u8]) -> (::png::Info<'static>, Vec<u8>) {
+        let mut reader = ::png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut pixels).unwrap();
+        let mut info = reader.info().clone();
+        reader.finish().unwrap();
+        info.utf8_text.clone_from(&reader.info().utf8_text);
+        (info, pixels)
+    }
+
+    #[test]
+    fn a_decoder_reads_back_srgb_codes_and_the_chunk() {
+        let pixels = vec![[0.0, 0.2140, 1.0, 0.0], [2.0, -1.0, 0.5, 0.5], [0.0031308, 0.1, 0.9, 1.0]];
+        let image = Image::new(3, 1, pixels).unwrap();
+        let expected: [[u8; 4]; 3] = std::array::from_fn(|i| image.pixels()[i]).map(|[r, g, b, a]: [f32; 4]| {
+            let code = |v: f32| (255.0 * srgb::srgb_from_linear(f64::from(v))).round() as u8;
+            [code(r), code(g), code(b), (a * 255.0).round() as u8]
+        });
+        assert_eq!(expected[0][1], 127); // 0.2140 is 127.49 of 255
+        for alpha in [false, true] {
+            let options = PngOptions { alpha, software: Some("isolume".into()), description: Some("ρ = 0.7".into()) };
+            let mut bytes = Vec::new();
+            write(&mut bytes, &image, &options).unwrap();
+            let (info, decoded) = decode(&bytes);
+            assert_eq!(info.srgb, Some(::png::SrgbRenderingIntent::RelativeColorimetric));
+            assert_eq!(info.utf8_text[1].get_text().unwrap(), "ρ = 0.7");
+            let kept = if alpha { 4 } else { 3 };
+            assert_eq!(decoded, expected.iter().flat_map(|p| p[..kept].to_vec()).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn a_pixel_that_is_not_finite_is_named() {
+        let mut image = Image::filled(4, 3, [0.5; 4]).unwrap();
+        image.pixels_mut()[6][1] = f32::NAN;
+        let message = write(&mut Vec::new(), &image, &PngOptions::default()).unwrap_err().to_string();
+        assert!(message.contains("column 2, row 1"), "{message}");
+    }
+}
