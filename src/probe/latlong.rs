@@ -1,0 +1,239 @@
+//! The lat-long image and its geometry, stated once.
+//!
+//! # Geometry (the one statement; everything else goes through these functions)
+//! The layout is OpenEXR's latlong environment ("Technical Introduction to OpenEXR",
+//! environment maps). The probe frame is right-handed with y up. With longitude λ and latitude β,
+//!
+//! direction = (sin λ cos β, sin β, cos λ cos β),
+//!
+//! longitude falls from +π at the left edge over 0 at the centre (= +z) to −π at the right edge,
+//! so +x (λ = π/2) lies a quarter of the width from the left; latitude falls from +π/2 at the
+//! top to −π/2 at the bottom. Seen from the inside the picture is not mirrored.
+//!
+//! *Where we differ from OpenEXR:* its library puts the centres of the first and last pixels
+//! exactly at longitude ±π and latitude ±π/2. Here pixel i covers [i, i+1] of the width and its
+//! centre is at (i+½)/W, as every renderer writes such images; the difference is half a pixel.
+//!
+//! A longitude is also an azimuth: 0 at the centre of the image, growing counter-clockwise seen
+//! from above (from +z towards +x).
+
+use crate::error::{Error, Result};
+use crate::sh::project::ring_solid_angle;
+use glam::DVec3;
+use std::f64::consts::PI;
+
+/// Luminance weights of linear Rec.709 radiance.
+pub const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
+
+/// Rec.709 luminance of a linear pixel.
+pub fn luminance(pixel: [f32; 3]) -> f64 {
+    LUMINANCE[0] * f64::from(pixel[0]) + LUMINANCE[1] * f64::from(pixel[1]) + LUMINANCE[2] * f64::from(pixel[2])
+}
+
+/// The direction in the probe frame at longitude and latitude, both in radians.
+pub fn direction_from_angles(longitude: f64, latitude: f64) -> DVec3 {
+    let across = libm::cos(latitude);
+    DVec3::new(libm::sin(longitude) * across, libm::sin(latitude), libm::cos(longitude) * across)
+}
+
+/// (longitude, latitude) of a direction of any length, in radians; longitude in [−π, π], 0 on
+/// the y axis.
+pub fn angles_from_direction(direction_in_probe: DVec3) -> (f64, f64) {
+    let d = direction_in_probe;
+    let across = (d.x * d.x + d.z * d.z).sqrt();
+    (libm::atan2(d.x, d.z), libm::atan2(d.y, across))
+}
+
+/// Linear RGB radiance of a distant environment, one value per pixel of a lat-long image.
+/// As a function on the sphere it is constant over each pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LatLong {
+    // Invariants: width, height > 0; pixels.len() == width * height; every value finite.
+    width: usize,
+    height: usize,
+    pixels: Vec<[f32; 3]>,
+}
+
+impl LatLong {
+    /// An image from its pixels, row by row from the top, left to right.
+    ///
+    /// # Errors
+    /// When a side is 0, the number of pixels is not width × height, or a value is not finite.
+    pub fn new(width: usize, height: usize, pixels: Vec<[f32; 3]>) -> Result<Self> {
+        let given = format!("{width}x{height} with {} pixels", pixels.len());
+        if width == 0 || height == 0 || width.checked_mul(height) != Some(pixels.len()) {
+            return Err(Error::argument(
+                "lat-long image",
+                given,
+                "at least one pixel and width x height pixels",
+                "pass the dimensions of the pixel buffer",
+            ));
+        }
+        if !pixels.iter().flatten().all(|v| v.is_finite()) {
+            return Err(Error::argument(
+                "lat-long image",
+                "a NaN or an infinity among the pixels",
+                "finite radiance",
+                "replace such pixels first, as probe::read does",
+            ));
+        }
+        Ok(Self { width, height, pixels })
+    }
+
+    /// An image of `width` × `height` whose pixels are `radiance(x, y)`.
+    pub(crate) fn from_fn(width: usize, height: usize, mut radiance: impl FnMut(usize, usize) -> [f64; 3]) -> Self {
+        debug_assert!(width > 0 && height > 0);
+        let pixels = (0..width * height).map(|i| radiance(i % width, i / width).map(|v| v as f32)).collect();
+        Self { width, height, pixels }
+    }
+
+    /// Pixels along the equator.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Pixels from the zenith to the nadir.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All pixels, row by row from the top.
+    pub fn pixels(&self) -> &[[f32; 3]] {
+        &self.pixels
+    }
+
+    /// One row, left to right.
+    ///
+    /// # Panics
+    /// When `y` is not below the height.
+    pub fn row(&self, y: usize) -> &[[f32; 3]] {
+        &self.pixels[y * self.width..(y + 1) * self.width]
+    }
+
+    /// The unit direction in the probe frame of a position in the image. Positions are
+    /// continuous: pixel (i, j) covers [i, i+1] × [j, j+1] and its centre is (i+½, j+½).
+    pub fn direction_from_pixel(&self, x: f64, y: f64) -> DVec3 {
+        direction_from_angles(PI * (1.0 - 2.0 * x / self.width as f64), PI * (0.5 - y / self.height as f64))
+    }
+
+    /// The position in the image of a direction of any length in the probe frame; the inverse of
+    /// [`LatLong::direction_from_pixel`]. The result lies in [0, width] × [0, height]. The zero
+    /// vector lands on the centre.
+    pub fn pixel_from_direction(&self, direction_in_probe: DVec3) -> [f64; 2] {
+        let (longitude, latitude) = angles_from_direction(direction_in_probe);
+        [
+            (0.5 - longitude / (2.0 * PI)).clamp(0.0, 1.0) * self.width as f64,
+            (0.5 - latitude / PI).clamp(0.0, 1.0) * self.height as f64,
+        ]
+    }
+
+    /// The pixel that holds a direction in the probe frame.
+    pub fn pixel_at(&self, direction_in_probe: DVec3) -> (usize, usize) {
+        let [x, y] = self.pixel_from_direction(direction_in_probe);
+        ((x as usize).min(self.width - 1), (y as usize).min(self.height - 1))
+    }
+
+    /// Radiance from a direction in the probe frame, constant over each pixel.
+    pub fn radiance(&self, direction_in_probe: DVec3) -> [f32; 3] {
+        let (x, y) = self.pixel_at(direction_in_probe);
+        self.pixels[y * self.width + x]
+    }
+
+    /// Latitudes of the upper and lower edge of a row, in radians.
+    pub fn row_latitudes(&self, y: usize) -> [f64; 2] {
+        let edge = |k: usize| PI * (0.5 - k as f64 / self.height as f64);
+        [edge(y), edge(y + 1)]
+    }
+
+    /// Solid angle in steradians of each pixel in row `y`; the sum over all pixels is 4π within
+    /// rounding.
+    pub fn pixel_solid_angle(&self, y: usize) -> f64 {
+        let edge = |k: usize| PI * k as f64 / self.height as f64;
+        ring_solid_angle(edge(y), edge(y + 1)) / self.width as f64
+    }
+
+    /// Mean radiance over the sphere, weighted by solid angle.
+    pub fn mean(&self) -> [f64; 3] {
+        let mut total = [0.0; 3];
+        for y in 0..self.height {
+            let mut sum = [0.0; 3];
+            for pixel in self.row(y) {
+                for c in 0..3 {
+                    sum[c] += f64::from(pixel[c]);
+                }
+            }
+            let weight = self.pixel_solid_angle(y) / (4.0 * PI);
+            for c in 0..3 {
+                total[c] += weight * sum[c];
+            }
+        }
+        total
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_bright_pixel_per_axis() {
+        // 8 x 4: the columns whose left edge is at 1/4 W hold +x, and so on. The bright pixel is
+        // set by hand from the definition (left edge π, centre 0 = +z, +x a quarter from the
+        // left), the axis is asked a little off so that it falls inside the pixel.
+        let cases: [(usize, usize, DVec3); 6] = [
+            (2, 1, DVec3::new(1.0, 0.1, 0.1)),   // just right of a quarter, towards the centre
+            (6, 1, DVec3::new(-1.0, 0.1, -0.1)), // just right of three quarters
+            (4, 1, DVec3::new(-0.1, 0.1, 1.0)),  // just right of the centre
+            (0, 1, DVec3::new(0.1, 0.1, -1.0)),  // just right of the left edge
+            (3, 0, DVec3::new(0.05, 1.0, 0.2)),  // top row, just left of the centre
+            (3, 3, DVec3::new(0.05, -1.0, 0.2)),
+        ];
+        for (x, y, direction) in cases {
+            let image = LatLong::from_fn(8, 4, |i, j| if (i, j) == (x, y) { [1.0, 2.0, 3.0] } else { [0.0; 3] });
+            assert_eq!(image.radiance(direction), [1.0, 2.0, 3.0], "{direction}");
+        }
+        let image = LatLong::from_fn(8, 4, |_, _| [0.0; 3]);
+        for (x, y, axis) in [(4.0, 2.0, DVec3::Z), (2.0, 2.0, DVec3::X), (6.0, 2.0, -DVec3::X), (1.0, 0.0, DVec3::Y)] {
+            assert!((image.direction_from_pixel(x, y) - axis).length() < 1e-15, "{axis}");
+        }
+        assert!((image.direction_from_pixel(0.0, 2.0) + DVec3::Z).length() < 1e-15);
+        assert!((image.direction_from_pixel(8.0, 2.0) + DVec3::Z).length() < 1e-15);
+    }
+
+    #[test]
+    fn positions_and_directions_are_inverse() {
+        let image = LatLong::from_fn(7, 3, |_, _| [0.0; 3]);
+        for j in 0..30 {
+            for i in 0..70 {
+                let (x, y) = ((i as f64 + 0.5) / 10.0, (j as f64 + 0.5) / 10.0);
+                let [bx, by] = image.pixel_from_direction(image.direction_from_pixel(x, y) * 1e-3);
+                assert!((bx - x).abs() < 1e-12 && (by - y).abs() < 1e-12, "{x} {y} -> {bx} {by}");
+            }
+        }
+        for d in [DVec3::ZERO, DVec3::Y, -DVec3::Y, -DVec3::Z, DVec3::new(-0.0, 0.0, -1.0)] {
+            let (x, y) = image.pixel_at(d);
+            assert!(x < 7 && y < 3);
+        }
+    }
+
+    #[test]
+    fn solid_angles_sum_to_the_sphere() {
+        for (w, h) in [(1, 1), (7, 3), (64, 32), (1024, 512), (20, 10_000)] {
+            let image = LatLong::from_fn(w, h, |_, _| [1.0; 3]);
+            let sum: f64 = (0..h).map(|y| image.pixel_solid_angle(y) * w as f64).sum();
+            assert!((sum / (4.0 * PI) - 1.0).abs() < 1e-13, "{w}x{h}: {sum}");
+            for c in image.mean() {
+                assert!((c - 1.0).abs() < 1e-13);
+            }
+        }
+    }
+
+    #[test]
+    fn the_constructor_refuses_impossible_images() {
+        assert!(LatLong::new(0, 1, vec![]).is_err());
+        assert!(LatLong::new(2, 2, vec![[0.0; 3]; 3]).is_err());
+        assert!(LatLong::new(usize::MAX, 2, vec![[0.0; 3]; 3]).is_err());
+        assert!(LatLong::new(1, 1, vec![[0.0, f32::NAN, 0.0]]).is_err());
+        assert!(LatLong::new(1, 1, vec![[0.0; 3]]).is_ok());
+    }
+}
