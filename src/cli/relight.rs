@@ -17,7 +17,7 @@ use crate::geom::Up;
 use crate::level::{Counts, Pyramid};
 use crate::probe::Probe;
 use crate::relight::{Contracted, Exposure, Light, LookupReport, Material, contract};
-use crate::render::{Camera, RenderOptions, render};
+use crate::render::{RenderOptions, render};
 use crate::scene::MaterialRule;
 use crate::transfer::store::{Isovalues, Store};
 use crate::volume::Volume;
@@ -341,8 +341,7 @@ impl Context<'_> {
         let args = &self.command.picture;
         let start = Instant::now();
         let (width, height) = args.size;
-        let bounds = surface.bounds(self.volume);
-        let camera = Camera::framing(&bounds, self.up, args.view, args.projection(), width as f64 / height as f64);
+        let camera = surface.camera(self.volume, self.up, args.view, args.projection(), width as f64 / height as f64);
         let options = RenderOptions { width, height, supersampling: SUPERSAMPLING };
         let picture =
             render(self.volume, self.pyramid, surface.isovalue, contracted, light, material, &camera, &options);

@@ -2,8 +2,9 @@
 
 use crate::error::Result;
 use crate::export::{ExportMesh, Positions};
-use crate::geom::{Bounds, Up};
+use crate::geom::Up;
 use crate::level::{LevelField, Pyramid};
+use crate::render::{Camera, Projection, View};
 use crate::surface::{Mesh, extract_with_normals};
 use crate::transfer::{Lattice, Selection};
 use crate::volume::{LengthUnit, Sample, Volume, with_samples};
@@ -66,11 +67,14 @@ impl Surface {
         }
     }
 
-    /// The box of the mesh in world; that of the volume when there is no vertex.
-    pub(super) fn bounds(&self, volume: &Volume) -> Bounds {
-        let centre = volume.world_bounds().centre();
-        let bounds = self.positions.iter().fold(Bounds::EMPTY, |b, p| b.including(p.as_dvec3() + centre));
-        if self.positions.is_empty() { volume.world_bounds() } else { bounds }
+    /// A camera that has all of the surface in view; the whole box of the volume when there is no vertex.
+    pub(super) fn camera(&self, volume: &Volume, up: Up, view: View, projection: Projection, aspect: f64) -> Camera {
+        let all = volume.world_bounds();
+        if self.positions.is_empty() {
+            return Camera::framing(&all, up, view, projection, aspect);
+        }
+        let points = self.positions.iter().map(|p| p.as_dvec3() + all.centre());
+        Camera::framing_points(points, up, view, projection, aspect)
     }
 }
 
