@@ -146,7 +146,7 @@ fn parse(line: &[&str]) -> Outcome<Box<Relight>> {
 fn bake(volume: &Volume, store: &Path, seed: u64, console: &Console) -> Outcome<(String, serde_json::Value, f64)> {
     let start = Instant::now();
     let layout = Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0)?, layers: Layers::uniform(4, 5)? };
-    let settings = Settings { layers: layout.layers.clone(), rays: RAYS, seed, positive: false };
+    let settings = Settings { layers: layout.layers.clone(), rays: RAYS, seed, target: None, positive: false };
     let isovalues: Vec<f64> =
         ISOVALUES.iter().map(|&c| Isovalue::Value(c).resolve(volume, None).map(|c| c.value)).collect::<Result<_, _>>()?;
     let job = Job {

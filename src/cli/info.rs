@@ -5,7 +5,7 @@ use super::input::{VolumeArgs, file_name};
 use super::isovalue::{Isovalue, overview};
 use super::{Outcome, baking, input, options, text};
 use crate::geom::Up;
-use crate::level::Pyramid;
+use crate::relight::texels_of_isosurface;
 use crate::transfer::store::{Isovalues, Store};
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, Selection};
 use crate::volume::{LengthUnit, Solid, Volume};
@@ -155,7 +155,7 @@ impl Estimate {
         Ok(Self {
             memory: options::bake_bytes(volume, &layout),
             all: bytes(Selection::of_all_isosurfaces(lattice, volume)),
-            one: bytes(Selection::of_isosurface(lattice, volume, &Pyramid::new(volume), isovalue)),
+            one: bytes(texels_of_isosurface(volume, lattice, isovalue)),
         })
     }
 }

@@ -2,9 +2,10 @@
 
 use super::text;
 use crate::error::{Error, Result};
-use crate::export::{Image, srgb};
+use crate::export::Image;
 use crate::relight::Exposure;
 use crate::render::{Picture, Projection, View};
+use crate::scene::srgb;
 
 /// How a preview looks.
 #[derive(clap::Args, Clone, Debug)]
@@ -19,7 +20,7 @@ pub(super) struct PictureArgs {
     #[arg(long, default_value = "960x720", value_name = "WxH", value_parser = parse_size)]
     pub(super) size: (usize, usize),
     /// Behind the surface: white, black, transparent or #rrggbb (sRGB)
-    #[arg(long, default_value = "#e9ebee", value_name = "COLOUR", value_parser = parse_background)]
+    #[arg(long, default_value = "#2c3036", value_name = "COLOUR", value_parser = parse_background)]
     pub(super) background: [f32; 4],
 }
 

@@ -41,7 +41,7 @@ impl Plan {
             crate::relight::Material::new([albedo; 3], [0.0; 3])?;
         }
         let pyramid = Pyramid::new(volume);
-        let selection = job.selection(&pyramid, &job.asked());
+        let selection = job.selection(&job.asked());
         let plan = job.plan(&pyramid, &selection, self.albedo)?;
         console.print(table(&plan));
         console.print(format!(

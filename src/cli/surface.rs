@@ -4,9 +4,10 @@ use crate::error::Result;
 use crate::export::{ExportMesh, Positions};
 use crate::geom::Up;
 use crate::level::{LevelField, Pyramid};
+use crate::relight::texels_of_isosurface;
 use crate::render::{Camera, Projection, View};
 use crate::surface::{Mesh, extract_with_normals};
-use crate::transfer::{Lattice, Selection};
+use crate::transfer::Lattice;
 use crate::volume::{LengthUnit, Sample, Volume, with_samples};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -37,7 +38,7 @@ impl Surface {
         let normals = mesh.normals.iter().map(|n| Vec3::from_array(*n)).collect();
         let extract_time = start.elapsed();
         let start = Instant::now();
-        let bricks = Selection::of_isosurface(lattice, volume, pyramid, isovalue).bricks();
+        let bricks = texels_of_isosurface(volume, lattice, isovalue).bricks();
         Ok(Self { isovalue, mesh, positions, normals, bricks, extract_time, select_time: start.elapsed() })
     }
 
@@ -73,8 +74,24 @@ impl Surface {
         if self.positions.is_empty() {
             return Camera::framing(&all, up, view, projection, aspect);
         }
-        let points = self.positions.iter().map(|p| p.as_dvec3() + all.centre());
+        // Cut faces show in pictures: corners of the box that are solid belong to what is seen.
+        let points = self.positions.iter().map(|p| p.as_dvec3() + all.centre()).chain(self.solid_corners(volume));
         Camera::framing_points(points, up, view, projection, aspect)
+    }
+}
+
+impl Surface {
+    /// Corners of the box inside the solid, in world.
+    fn solid_corners(&self, volume: &Volume) -> Vec<DVec3> {
+        let last = volume.dims().map(|d| d - 1);
+        let corners = (0..8).map(|i| [0, 1, 2].map(|a| if i >> a & 1 == 0 { 0 } else { last[a] }));
+        let raw = volume.raw_from_value(self.isovalue);
+        let solid = |&[x, y, z]: &[usize; 3]| {
+            let sample = f64::from(volume.samples().raw(volume.index(x, y, z)));
+            f64::from(volume.solid_sign()) * (sample - raw) > 0.0
+        };
+        let place = |c: [usize; 3]| volume.world_from_grid().point(DVec3::from_array(c.map(|v| v as f64)));
+        corners.filter(solid).map(place).collect()
     }
 }
 

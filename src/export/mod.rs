@@ -12,7 +12,7 @@
 //!
 //! # Colour
 //! Colours are linear Rec.709 everywhere until the last step. glTF `COLOR_0` *is* linear; PLY and
-//! PNG are 8-bit sRGB through the one transfer function of [`srgb`].
+//! PNG are 8-bit sRGB through the one transfer function of [`crate::scene::srgb`].
 //!
 //! # Place and size in glTF
 //! glTF is Y-up, right-handed, in metres. `POSITION` = world − centre of
@@ -28,7 +28,6 @@ pub mod image;
 pub mod ply;
 pub mod png;
 pub mod sheet;
-pub mod srgb;
 
 pub use image::Image;
 
@@ -189,9 +188,10 @@ impl ExportMesh<'_> {
             let p = self.positions.from_centre(v, centre);
             (!p.is_finite()).then(|| p.to_string())
         })?;
+        let unit = 1.0 - NORMAL_LENGTH_TOLERANCE..=1.0 + NORMAL_LENGTH_TOLERANCE;
         check_each("mesh normal", count, "a unit vector", |v| {
             let n = self.normals_in_world[v];
-            (!((n.length() - 1.0).abs() <= NORMAL_LENGTH_TOLERANCE)).then(|| n.to_string())
+            (!unit.contains(&n.length())).then(|| n.to_string())
         })?;
         check_each("mesh colour", count, "linear channels in [0, 1]; lower the exposure", |v| {
             let c = self.colours[v];

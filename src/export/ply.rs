@@ -5,8 +5,9 @@
 //! Positions are `float` where that keeps them within 1e-6 of the longest side, else `double`
 //! (a surface far from the origin).
 
-use super::{ExportMesh, StandardError, srgb, write_error, write_records};
+use super::{ExportMesh, StandardError, write_error, write_records};
 use crate::error::{Error, Result};
+use crate::scene::srgb;
 use serde_json::Value;
 use std::io::Write;
 
@@ -55,8 +56,7 @@ pub fn write(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, options: &Ply
 fn needs_double(mesh: &ExportMesh<'_>) -> bool {
     let bounds = mesh.box_in_world;
     let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
-    // The negation also takes the double where a box without extent compares as NaN.
-    !(largest / f64::from(1 << 24) <= 1e-6 * bounds.size().max_element())
+    largest / f64::from(1 << 24) > 1e-6 * bounds.size().max_element()
 }
 
 fn header(mesh: &ExportMesh<'_>, options: &PlyOptions, double: bool) -> String {

@@ -17,7 +17,6 @@
 //! coordinate in [0, 1]³, so that precision does not fall with the size of the grid.
 
 pub mod cell;
-mod crossing;
 mod gradient;
 mod pyramid;
 mod texel;
@@ -26,7 +25,6 @@ pub mod trace;
 #[cfg(test)]
 mod tests;
 
-pub use crossing::for_each_crossed_cell;
 pub use pyramid::{LEVEL_SHIFTS, Pyramid};
 pub use texel::Site;
 pub use trace::{Counts, Hit, Outcome, Start};

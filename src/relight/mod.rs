@@ -21,6 +21,20 @@ pub use tail::Tail;
 
 use crate::error::{Error, Result};
 use crate::sh;
+use crate::surface::straddling_cells;
+use crate::transfer::{Lattice, Selection};
+use crate::volume::Volume;
+
+/// The texels that lookups anywhere on one isosurface read; `isovalue` in the file's values. None for an
+/// isovalue out of range.
+pub fn texels_of_isosurface(volume: &Volume, lattice: Lattice, isovalue: f64) -> Selection {
+    let cells = straddling_cells(volume, isovalue);
+    let mut selection = Selection::empty(lattice);
+    for z in 0..cells.dims()[2] {
+        cells.for_each_in_slab(z, |x, y| selection.insert_cell([x, y, z]));
+    }
+    selection
+}
 
 /// A distant environment as SH coefficients of linear radiance per colour channel, in world axes.
 #[derive(Clone, Debug, PartialEq)]

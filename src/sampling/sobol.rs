@@ -57,7 +57,7 @@ fn reverse(words: [u32; BLOCK]) -> [u32; BLOCK] {
         let w = ((w >> 2) & 0x3333_3333) | ((w & 0x3333_3333) << 2);
         let w = ((w >> 4) & 0x0f0f_0f0f) | ((w & 0x0f0f_0f0f) << 4);
         let w = ((w >> 8) & 0x00ff_00ff) | ((w & 0x00ff_00ff) << 8);
-        (w >> 16) | (w << 16)
+        w.rotate_left(16)
     })
 }
 

@@ -53,6 +53,18 @@ impl Running {
         if self.count < 2 { 0.0 } else { (self.variance() / self.count as f64).sqrt() }
     }
 
+    /// Chance that a mean at least this far from `expected` arises if `expected` is right, by
+    /// Student's t (two-sided; the z-test where there are many numbers). 1 for fewer than two
+    /// numbers; 0 when all numbers are equal and not `expected`.
+    pub fn p_of_mean(&self, expected: f64) -> f64 {
+        let difference = (self.mean - expected).abs();
+        match self.standard_error() {
+            _ if self.count < 2 || difference == 0.0 => 1.0,
+            error if self.count > 1000 => normal_two_sided(difference / error),
+            error => 1.0 - t_within(difference / error, (self.count - 1) as u32),
+        }
+    }
+
     /// Half of the 95 % interval of the mean, by Student's t; infinite for fewer than two numbers.
     pub fn half_interval_95(&self) -> f64 {
         if self.count < 2 { f64::INFINITY } else { t_quantile(0.95, (self.count - 1) as u32) * self.standard_error() }
@@ -264,12 +276,17 @@ mod tests {
 
     #[test]
     fn welford_agrees_with_the_definition_far_from_zero() {
-        // Deviations are whole numbers, so the definition is exact: variance 30/4 · 3 ...
+        // Deviations are whole numbers of sum 0: mean 1e9, variance 30/4.
         let deviations: [f64; 5] = [-3.0, 1.0, 4.0, -2.0, 0.0];
         let running: Running = deviations.iter().map(|d| 1e9 + d).collect();
         assert_eq!(running.count(), 5);
         assert_eq!(running.mean(), 1e9);
         assert!((running.variance() - 30.0 / 4.0).abs() < 1e-6);
+        // t² = 1/(7.5/5) = 2/3 with 4 degrees; there p = 1 − s (3 − s²)/2 with s² = t²/(4 + t²).
+        let s = (1.0_f64 / 7.0).sqrt();
+        assert!((running.p_of_mean(1e9 + 1.0) - (1.0 - s * (3.0 - s * s) / 2.0)).abs() < 1e-7);
+        assert_eq!(running.p_of_mean(1e9), 1.0);
+        assert_eq!([1.0, 1.0].into_iter().collect::<Running>().p_of_mean(2.0), 0.0);
         assert_eq!(Running::new().half_interval_95(), f64::INFINITY);
         assert_eq!(Running::new().mean(), 0.0);
     }

@@ -13,7 +13,9 @@
 //! compiler for each band count.) The convention of signs and indices is in [`crate::sh`].
 //!
 //! The f32 forms agree with each other bit for bit: [`accumulate`] runs the operations of
-//! [`evaluate_f32`] on four directions at a time, with no fused multiply-add.
+//! [`evaluate_f32`] on four directions at a time, with no fused multiply-add. Measured (test
+//! `measure_accumulate`, one thread of a 2-core Xeon, baseline x86-64): 3.1 ns a direction at 5
+//! bands in batches of 64, 3.9 in batches of 16; 1.1 at 3 bands, 16 at 11.
 
 use super::{MAX_BANDS, index};
 use glam::{Vec3, Vec4};
@@ -102,26 +104,38 @@ impl Lane for Vec4 {
 /// Hands weight·Y_i(x, y, z) to `sink(i, value)` for every coefficient of `BANDS` bands.
 #[inline(always)]
 fn kernel<T: Lane, const BANDS: usize>(x: T, y: T, z: T, weight: T, mut sink: impl FnMut(usize, T)) {
-    let (mut cosine, mut sine) = (weight, weight);
-    for m in 0..BANDS {
-        if m == 1 {
-            (cosine, sine) = (x * weight, y * weight);
-        } else if m > 1 {
-            (cosine, sine) = (x * cosine - y * sine, x * sine + y * cosine);
+    column::<T, BANDS, 0>(z, weight, weight, &mut sink);
+    let (mut cosine, mut sine) = (x * weight, y * weight);
+    // Written out so that each order is compiled for itself: the compiler gives up unrolling the
+    // double loop from 4 bands on, and looks constants up at run time.
+    macro_rules! orders {
+        ($($m:literal)*) => {$(
+            if $m < BANDS {
+                if $m > 1 {
+                    (cosine, sine) = (x * cosine - y * sine, x * sine + y * cosine);
+                }
+                column::<T, BANDS, $m>(z, cosine, sine, &mut sink);
+            }
+        )*};
+    }
+    orders!(1 2 3 4 5 6 7 8 9 10);
+}
+
+/// The coefficients of orders ±`M`, all degrees, given c_M and s_M times the weight.
+#[inline(always)]
+fn column<T: Lane, const BANDS: usize, const M: usize>(z: T, cosine: T, sine: T, sink: &mut impl FnMut(usize, T)) {
+    let mut before = T::constant(0.0);
+    let mut legendre = T::constant(DIAGONAL[M]);
+    for l in M..BANDS {
+        if l > M {
+            let [a, b] = RECURRENCE[l][M];
+            let rising = T::constant(a) * z * legendre;
+            let next = if l == M + 1 { rising } else { rising - T::constant(b) * before };
+            (before, legendre) = (legendre, next);
         }
-        let mut before = T::constant(0.0);
-        let mut legendre = T::constant(DIAGONAL[m]);
-        for l in m..BANDS {
-            if l > m {
-                let [a, b] = RECURRENCE[l][m];
-                let rising = T::constant(a) * z * legendre;
-                let next = if l == m + 1 { rising } else { rising - T::constant(b) * before };
-                (before, legendre) = (legendre, next);
-            }
-            sink(index(l, m as isize), legendre * cosine);
-            if m > 0 {
-                sink(index(l, -(m as isize)), legendre * sine);
-            }
+        sink(index(l, M as isize), legendre * cosine);
+        if M > 0 {
+            sink(index(l, -(M as isize)), legendre * sine);
         }
     }
 }
@@ -141,7 +155,7 @@ macro_rules! with_bands {
             9 => $function::<9>($($argument),*),
             10 => $function::<10>($($argument),*),
             11 => $function::<11>($($argument),*),
-            other => panic!("{other} bands; the basis has 1 to {MAX_BANDS}"),
+            other => unreachable!("{other} bands; the basis has 1 to {MAX_BANDS}"),
         }
     };
 }

@@ -28,7 +28,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI};
 /// When `bands` is not in 1…[`MAX_BANDS`].
 pub fn gauss_optimal(bands: usize) -> Vec<f64> {
     assert!((1..=MAX_BANDS).contains(&bands), "{bands} bands; the basis has 1 to {MAX_BANDS}");
-    let odd = bands % 2 == 0; // the degree, bands − 1, is odd
+    let odd = bands.is_multiple_of(2); // the degree, bands − 1, is odd
     let mut nodes: Vec<f64> = if odd {
         radau_nodes(bands / 2)
     } else {
@@ -372,5 +372,20 @@ mod tests {
         assert!(certify(&[]).is_err());
         assert!(certify(&[sky, Coefficients::zero(3)]).is_err());
         assert!(certify(&[&sun * -1.0]).unwrap_err().to_string().contains("negative"));
+    }
+
+    #[test]
+    #[ignore = "a measurement: cargo test --release --lib sh::certified -- --ignored --nocapture"]
+    fn measure_certify() {
+        for bands in [3, 5, 11] {
+            let channels: Vec<Coefficients> = cases(bands).into_iter().skip(4).map(|(_, f)| f).collect();
+            let start = std::time::Instant::now();
+            let window = certify(&channels).unwrap();
+            println!("{bands} bands, three channels: {:?}, {window:?}", start.elapsed());
+            for (name, f) in cases(bands) {
+                let own = certify(std::slice::from_ref(&f)).unwrap();
+                println!("  {name}: blend {:.4}, {:?}", own.blend, kept(&f.filtered(&own.factors), &f));
+            }
+        }
     }
 }

@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use glam::DVec3;
 use std::ops::{Add, AddAssign, Mul, Sub};
 
-/// A real function on the sphere with `bands` bands, f(ω) = Σ_i values[i] Y_i(ω), in the basis
+/// A real function on the sphere with `bands` bands, f(ω) = Σ_i `values[i]` Y_i(ω), in the basis
 /// and order of [`crate::sh`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coefficients {
@@ -111,7 +111,7 @@ impl Coefficients {
         self.dot(&values[..self.values.len()])
     }
 
-    /// Σ_i values[i]·transfer[i] over the coefficients that both have, so that a transfer of
+    /// Σ_i `values[i]`·`transfer[i]` over the coefficients that both have, so that a transfer of
     /// fewer (or more) bands meets the light cut to its own band limit. Summed in order of i.
     pub fn dot<T: Copy + Into<f64>>(&self, transfer: &[T]) -> f64 {
         self.values.iter().zip(transfer).map(|(&value, &t)| value * t.into()).sum()

@@ -11,7 +11,7 @@ use super::cell::face_corners;
 ///
 /// With solid corners a, c and lit corners b, d around a face, the bilinear saddle has the value
 /// (ac − bd)/(a + c − b − d) and the denominator is positive, so the solid joins if and only if
-/// ac > bd (the asymptotic decider of Nielson & Hamann 1991, "The Asymptotic Decider", eq. 5,
+/// ac > bd (the asymptotic decider of Nielson & Hamann 1991, "The Asymptotic Decider",
 /// without the division). Both cells of a face form the same two products of the same numbers,
 /// and multiplication commutes in floating point: they agree bit for bit, ties and roundings
 /// included. This is what makes the mesh closed; it does not rest on accuracy.
@@ -42,10 +42,10 @@ pub(super) fn face_decisions(d: &[f64; 8], ambiguous: u8) -> u8 {
 /// annulus can occur. Slicing along one axis is enough; the choice matters only for roundings,
 /// and those never open the mesh, because the faces are decided before and apart.
 ///
-/// Source: the interior test of Chernyaev 1995, section 4 ("Marching Cubes 33"), in the form of
-/// one test for all cases; he tests chosen edges case by case, which misjudges some cells of his
-/// case 13.5 (Custodio et al. 2013, "Practical considerations on Marching Cubes 33 topological
-/// correctness").
+/// Source: the interior test of Chernyaev 1995 ("Marching Cubes 33"), in the form of one test for
+/// all cases. He tests chosen edges case by case; Custodio et al. 2013 ("Practical considerations
+/// on Marching Cubes 33 topological correctness") show that this cannot settle his case 13.5. Here
+/// the vertex of q lies in at most one of the two intervals of that case and tells them apart.
 pub(super) fn tunnel(d: &[f64; 8], regions: &[u8; 8]) -> Option<[u8; 2]> {
     /// Corners of the lower slice in turn; the upper ones are four more.
     const TURN: [usize; 4] = [0, 1, 3, 2];

@@ -125,8 +125,8 @@ fn the_reference_knows_a_disk_and_a_tunnel() {
     d[7] = 1.0;
     assert_eq!(Refined::new(&d, 15).euler_characteristic(), 2);
     assert_eq!(Refined::new(&d, 15).corner_components(), [0, 1, 1, 1, 1, 1, 1, 7]);
-    // Corners 0 and 7 at 10: the middle is (20 − 6)/8 > 0, the faces' saddles (10·−1 … ) keep the
-    // other corners apart from nothing: an annulus around the diagonal.
+    // Corners 0 and 7 at 10: the centre of the cell is (2·10 − 6·1)/8 > 0, so the solid runs along
+    // the diagonal and the surface is an annulus around it.
     (d[0], d[7]) = (10.0, 10.0);
     assert_eq!(Refined::new(&d, 15).euler_characteristic(), 0);
     assert_eq!(Refined::new(&d, 15).corner_components(), [0, 1, 1, 1, 1, 1, 1, 0]);

@@ -242,7 +242,8 @@ mod tests {
     fn the_threshold_is_exact_between_neighbouring_floats() {
         let low = 0.1f32;
         let high = low.next_up();
-        for c in [f64::from(low), 0.5 * (f64::from(low) + f64::from(high)), f64::from(high), f64::from(high) * (1.0 - 1e-12)]
+        for c in
+            [f64::from(low), 0.5 * (f64::from(low) + f64::from(high)), f64::from(high), f64::from(high) * (1.0 - 1e-12)]
         {
             for sign in [1.0f32, -1.0] {
                 let threshold = Threshold::new(c, sign);

@@ -171,7 +171,11 @@ pub(super) fn cycles(solid: u8, joined: &[bool; 6]) -> Vec<Vec<u8>> {
             let leaves = |k: usize| is_solid(solid, corners[k % 4]) && !is_solid(solid, corners[(k + 1) % 4]);
             // Forwards finds the end of the solid corners just entered and cuts them off; where
             // the solid joins across the face, backwards cuts off the lit ones.
-            let other = if is_ambiguous(solid, face) && joined[face] { i + 3 } else { (i + 1..i + 4).find(|&k| leaves(k)).unwrap_or(i) };
+            let other = if is_ambiguous(solid, face) && joined[face] {
+                i + 3
+            } else {
+                (i + 1..i + 4).find(|&k| leaves(k)).unwrap_or(i)
+            };
             let edge = |k: usize| edge_between(corners[k % 4], corners[(k + 1) % 4]);
             next[edge(i)] = edge(other) as u8;
         }
@@ -239,7 +243,8 @@ mod tests {
     #[test]
     fn a_single_solid_corner_is_seen_from_the_lit_side() {
         for corner in 0..8 {
-            let plan = TABLE.plans[usize::from(TABLE.configurations[usize::from(TABLE.patterns[1 << corner].first)].disks)];
+            let plan =
+                TABLE.plans[usize::from(TABLE.configurations[usize::from(TABLE.patterns[1 << corner].first)].disks)];
             let [triangle] = TABLE.triangles(plan) else { panic!("one triangle") };
             let [p, q, r] = triangle.map(|e| DVec3::from(edge_middle(e.into()).map(f64::from)));
             let away = DVec3::ONE - DVec3::from([0, 1, 2].map(|a| 2.0 * (corner >> a & 1) as f64));
@@ -265,7 +270,10 @@ mod tests {
             // The sides of a cycle are the same wherever one looks.
             for cycle in &cycles {
                 for k in 0..cycle.len() {
-                    assert_eq!(sides(solid, &cycle[k..], &configuration.regions), sides(solid, cycle, &configuration.regions));
+                    assert_eq!(
+                        sides(solid, &cycle[k..], &configuration.regions),
+                        sides(solid, cycle, &configuration.regions)
+                    );
                 }
             }
         }
@@ -306,6 +314,41 @@ mod tests {
                 }
                 assert!(segments.iter().all(|s| half_edges.contains_key(s)));
                 assert_eq!(vertices.len() as i32 - full / 2 + TABLE.triangles(plan).len() as i32, euler);
+            }
+        }
+    }
+
+    /// A tunnel between two regions connects the cycle that borders the one and faces the other
+    /// with its counterpart, and no further cycle.
+    #[test]
+    fn tunnels_connect_the_cycles_between_their_regions() {
+        for (solid, joined, configuration) in all_configurations() {
+            let cycles = cycles(solid, &joined);
+            for (pair, plan) in &configuration.tunnels {
+                // Spread from the first edge of each cycle over triangles to the cycles reached.
+                let triangles = TABLE.triangles(TABLE.plans[usize::from(*plan)]);
+                let reached = |cycle: &[u8]| {
+                    let mut seen = HashSet::from([cycle[0]]);
+                    for _ in triangles {
+                        for t in triangles.iter().filter(|t| t.iter().any(|v| seen.contains(v))).collect::<Vec<_>>() {
+                            seen.extend(t);
+                        }
+                    }
+                    seen
+                };
+                let mut merged = Vec::new();
+                for c in &cycles {
+                    let seen = reached(c);
+                    let count = cycles.iter().filter(|other| seen.contains(&other[0])).count();
+                    assert!(count <= 2);
+                    if count == 2 {
+                        merged.push(sides(solid, c, &configuration.regions));
+                    }
+                }
+                let [a, b] = merged[..] else { panic!("{solid:08b} {joined:?}: {merged:?}") };
+                let side = usize::from(a[0] == b[0]);
+                assert_eq!(a[1 - side], b[1 - side]);
+                assert_eq!([a[side].min(b[side]), a[side].max(b[side])], *pair);
             }
         }
     }

@@ -54,8 +54,7 @@ pub(super) fn disk(cycle: &[u8]) -> Patch {
     let mut best = vec![vec![None::<(i32, usize)>; n]; n];
     let side = |i: usize, j: usize| -> Option<i32> {
         let outer = j - i == 1 || (i == 0 && j == n - 1);
-        (outer || may_join(cycle[i], cycle[j]))
-            .then(|| if outer { 0 } else { squared_length(cycle[i], cycle[j]) })
+        (outer || may_join(cycle[i], cycle[j])).then(|| if outer { 0 } else { squared_length(cycle[i], cycle[j]) })
     };
     for i in 0..n - 1 {
         best[i][i + 1] = Some((0, i));
@@ -156,7 +155,8 @@ impl Walk<'_> {
 fn ring(a: &[u8], b: &[u8]) -> Patch {
     let (m, n) = (a.len(), b.len());
     // The crossing of b that is nearest to a third of a; b runs backwards as a runs forwards.
-    let start = (0..n).min_by_key(|&s| (0..3).map(|k| squared_length(a[k * m / 3], b[(s + n - k * n / 3) % n])).sum::<i32>());
+    let start =
+        (0..n).min_by_key(|&s| (0..3).map(|k| squared_length(a[k * m / 3], b[(s + n - k * n / 3) % n])).sum::<i32>());
     let start = start.unwrap_or(0);
     let mut patch = Patch::default();
     for k in 0..3 {

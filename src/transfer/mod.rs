@@ -22,6 +22,7 @@ pub mod store;
 pub mod texture;
 
 pub use selection::Selection;
+pub use texture::MemoryTexture;
 
 use crate::error::{Error, Result};
 use half::f16;

@@ -1,7 +1,6 @@
 //! A set of texels, and the bricks and chunks that hold them.
 
 use super::{BRICK, CHUNK, Lattice};
-use crate::level::{Pyramid, for_each_crossed_cell};
 use crate::volume::{Sample, Volume, with_samples};
 
 /// A set of texels of a lattice: which of them to bake.
@@ -25,17 +24,10 @@ impl Selection {
         let count: usize = lattice.texels().iter().product();
         selection.bits.fill(u64::MAX);
         if let Some(last) = selection.bits.last_mut()
-            && count % 64 != 0
+            && !count.is_multiple_of(64)
         {
             *last = (1 << (count % 64)) - 1;
         }
-        selection
-    }
-
-    /// The texels that lookups on one isosurface read.
-    pub fn of_isosurface(lattice: Lattice, volume: &Volume, pyramid: &Pyramid, isovalue: f64) -> Self {
-        let mut selection = Self::empty(lattice);
-        for_each_crossed_cell(volume, pyramid, isovalue, |cell| selection.insert_cell(cell));
         selection
     }
 

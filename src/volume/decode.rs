@@ -153,9 +153,7 @@ pub(crate) fn binary(
         Type::F32 => samples!(F32, f32),
         Type::F64 => samples!(F64, f64),
         Type::F16 => Data::F32(match endian {
-            Endian::Little => {
-                numbers(source, format, kind, count, |b| half::f16::from_le_bytes(b).to_f32())?
-            }
+            Endian::Little => numbers(source, format, kind, count, |b| half::f16::from_le_bytes(b).to_f32())?,
             Endian::Big => numbers(source, format, kind, count, |b| half::f16::from_be_bytes(b).to_f32())?,
         }),
     })

@@ -1,10 +1,10 @@
 //! The only place of this module that opens files. Data files that a header names (NRRD `data
 //! file:`, NIfTI pairs, raw sidecars) are looked up relative to the header.
 
+use super::Volume;
 use super::format::tiff;
 use super::read::{Format, ReadHint, detect, read_with};
 use super::source::Source;
-use super::Volume;
 use crate::error::{Error, Result};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -58,7 +58,7 @@ fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
             "this is a directory; name the volume file in it",
         ));
     }
-    Ok((file, metadata.is_file().then(|| metadata.len())))
+    Ok((file, metadata.is_file().then_some(metadata.len())))
 }
 
 /// The file's name without `.gz` and without its suffix.

@@ -249,11 +249,8 @@ mod tests {
     fn peek_lines_and_tokens_do_not_depend_on_how_the_stream_is_cut() {
         let text = b"first line\r\nsecond\n1 -2.5e3\t,7\n\nlast";
         for drip in [false, true] {
-            let mut s = if drip {
-                Source::new(Drip(text), None)
-            } else {
-                Source::new(&text[..], Some(text.len() as u64))
-            };
+            let mut s =
+                if drip { Source::new(Drip(text), None) } else { Source::new(&text[..], Some(text.len() as u64)) };
             assert_eq!(s.peek(5).unwrap(), b"first");
             assert_eq!(s.line("t").unwrap().unwrap(), "first line");
             assert_eq!(s.peek(3).unwrap(), b"sec");

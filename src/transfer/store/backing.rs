@@ -315,6 +315,14 @@ fn entries(archive: &[u8]) -> Result<BTreeMap<String, Range<usize>>> {
     let mut entries = BTreeMap::new();
     for i in 0..zip.len() {
         let file = zip.by_index_raw(i).map_err(|e| damaged(e.to_string()))?;
+        // A damaged name would make a chunk look as if it had never been baked. Every name stands
+        // twice in an archive, and nothing else protects it.
+        let name = file.name_raw();
+        let header = usize::try_from(file.header_start()).ok().and_then(|start| archive.get(start..)).unwrap_or(&[]);
+        let length = header.get(26..28).map(|n| usize::from(n[0]) | usize::from(n[1]) << 8);
+        if length != Some(name.len()) || header.get(30..30 + name.len()) != Some(name) {
+            return Err(damaged(format!("entry {} with another name at its data", file.name())));
+        }
         if file.is_dir() {
             continue;
         }

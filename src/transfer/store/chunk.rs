@@ -345,12 +345,12 @@ impl Store {
         }
         let place = zarr::rank(chunk.present, slot);
         let bytes = brick_bytes(&self.layout.layers);
-        let parts: [(&[u8], u32); 4] =
+        let parts: [(&[u8], &[u8]); 4] =
             std::array::from_fn(|array| zarr::inner_chunk(&chunk.shards[array], place, bytes[array]));
         if chunk.verified.load(Ordering::Relaxed) & bit == 0 {
             for (array, (part, stored)) in parts.iter().enumerate() {
-                let found = zarr::checksum(part);
-                if found != *stored {
+                let (found, stored) = (zarr::checksum(part), zarr::little_u32(stored));
+                if found != stored {
                     let key = self.shard_key(array, chunk.index);
                     let found = format!("brick {slot} with crc32c {found:08x}");
                     return Err(self.damage(&key, chunk.index, found, format!("crc32c {stored:08x}")));

@@ -15,7 +15,7 @@
 //! # Why by hand and not the crate `zarrs`
 //! Chunks must be committed atomically, by rename; relight must map a chunk and read f16 in place
 //! at memory speed; and parts of a chunk that were never baked must not cost space. The subset of
-//! Zarr that this needs is the module [`zarr`]; it writes and reads one form of everything.
+//! Zarr that this needs is the module `zarr`; it writes and reads one form of everything.
 //!
 //! # Where this differs from a plain Zarr array of 32³ chunks
 //! Arrays are *sharded*. A shard (outer chunk, one file) is 32³ texels × all coefficients, the

@@ -227,11 +227,11 @@ pub(super) fn read_tail(shard: &[u8], bytes: usize) -> std::result::Result<Shard
     Ok(ShardTail { present, stamp: copy })
 }
 
-/// The inner chunk of a shard whose tail was checked, and the checksum stored behind it.
-pub(super) fn inner_chunk(shard: &[u8], place: usize, bytes: usize) -> (&[u8], u32) {
+/// The inner chunk of a shard whose tail was checked, and the bytes of the checksum behind it.
+/// Reads neither: a look-up must not touch pages that nobody asked for.
+pub(super) fn inner_chunk(shard: &[u8], place: usize, bytes: usize) -> (&[u8], &[u8]) {
     let start = place * (bytes + CHECKSUM);
-    let chunk = &shard[start..start + bytes];
-    (chunk, little_u32(&shard[start + bytes..start + bytes + CHECKSUM]))
+    shard[start..start + bytes + CHECKSUM].split_at(bytes)
 }
 
 /// Little-endian number of four bytes.
@@ -256,7 +256,7 @@ mod tests {
             assert_eq!(read_tail(&file, 12).unwrap(), ShardTail { present, stamp: [7; STAMP] });
             for slot in (0..SLOTS).filter(|s| present >> s & 1 == 1) {
                 let (bytes, sum) = inner_chunk(&file, rank(present, slot), 12);
-                assert_eq!((bytes, sum), (payload[slot].as_slice(), checksum(bytes)));
+                assert_eq!((bytes, little_u32(sum)), (payload[slot].as_slice(), checksum(bytes)));
             }
             // Every prefix, and a byte too many, is refused; so is another chunk length.
             assert!((0..file.len()).all(|n| read_tail(&file[..n], 12).is_err()));

@@ -99,8 +99,7 @@ impl Field for Gyroid {
     }
 
     fn fill(&self, coordinates: [&[f64]; 3], out: &mut Vec<f32>) {
-        let [xs, ys, zs] =
-            coordinates.map(|axis| axis.iter().map(|&c| self.sine_cosine(c)).collect::<Vec<_>>());
+        let [xs, ys, zs] = coordinates.map(|axis| axis.iter().map(|&c| self.sine_cosine(c)).collect::<Vec<_>>());
         for &z in &zs {
             for &y in &ys {
                 out.extend(xs.iter().map(|&x| gyroid_sum(x, y, z) as f32));

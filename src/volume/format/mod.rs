@@ -23,10 +23,7 @@ pub(crate) fn affine(format: &'static str, linear: DMat3, offset: DVec3) -> Resu
     Affine::new(linear, offset).ok_or_else(|| {
         Error::format(
             format,
-            format!(
-                "axes {} {} {} and origin {offset}",
-                linear.x_axis, linear.y_axis, linear.z_axis
-            ),
+            format!("axes {} {} {} and origin {offset}", linear.x_axis, linear.y_axis, linear.z_axis),
             "three finite, independent axis vectors and a finite origin",
             "correct the orientation in the header",
         )

@@ -124,7 +124,8 @@ fn dims(header: &NiftiHeader, notes: &mut Vec<Note>) -> Result<[u64; 3]> {
         if axis < 3 {
             dims[axis] = u64::from(size);
         } else if size > 1 {
-            notes.push(note(format!("dimension {} has {size} volumes, the first is read", axis + 1), usize::from(size)));
+            notes
+                .push(note(format!("dimension {} has {size} volumes, the first is read", axis + 1), usize::from(size)));
         }
     }
     Ok(dims)

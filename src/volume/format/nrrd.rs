@@ -77,7 +77,8 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
     let header = Header::parse(&mut source)?;
     let mut notes = Vec::new();
     let kind = sample_type(header.need("type")?)?;
-    let rank: usize = header.need("dimension")?.parse().map_err(|_| damaged("dimension", header.need("dimension").unwrap_or("")))?;
+    let rank: usize =
+        header.need("dimension")?.parse().map_err(|_| damaged("dimension", header.need("dimension").unwrap_or("")))?;
     let sizes: Vec<u64> = header.numbers(&["sizes"])?.ok_or_else(|| missing("sizes"))?;
     if rank != sizes.len() {
         return Err(damaged("sizes", header.need("sizes")?));
@@ -188,7 +189,12 @@ fn sample_type(name: &str) -> Result<Type> {
         "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => Type::U16,
         "int" | "signed int" | "int32" | "int32_t" => Type::I32,
         "uint" | "unsigned int" | "uint32" | "uint32_t" => Type::U32,
-        "longlong" | "long long" | "long long int" | "signed long long" | "signed long long int" | "int64"
+        "longlong"
+        | "long long"
+        | "long long int"
+        | "signed long long"
+        | "signed long long int"
+        | "int64"
         | "int64_t" => Type::I64,
         "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => Type::U64,
         "float" => Type::F32,

@@ -1,0 +1,162 @@
+//! The rules, as tables.
+
+/// A module, in the order in which data flows; it may use the modules above it.
+pub struct Layer {
+    pub module: &'static str,
+    /// Of the modules above, those it must not use all the same.
+    pub knows_nothing_of: &'static [&'static str],
+}
+
+const fn layer(module: &'static str, knows_nothing_of: &'static [&'static str]) -> Layer {
+    Layer { module, knows_nothing_of }
+}
+
+/// The table of modules.
+pub const LAYERS: &[Layer] = &[
+    layer("error", &[]),
+    layer("geom", &["error"]),
+    layer("sampling", &[]),
+    layer("sh", &[]),
+    layer("volume", &["sh"]),
+    layer("level", &["sh", "sampling"]),
+    layer("scene", &[]),
+    // Not how the transfer was computed.
+    layer("transfer", &["level", "sampling"]),
+    // Not files.
+    layer("transport", &["transfer::store"]),
+    // Of scenes only the encoding of colours.
+    layer("probe", &["volume", "level", "scene::plan", "transfer", "transport"]),
+    // Not light, not SH, not transfer.
+    layer("surface", &["sh", "sampling", "scene", "transfer", "transport", "probe"]),
+    // Not rays, not solvers.
+    layer("relight", &["level", "transport"]),
+    layer("render", &["transport"]),
+    layer("compare", &[]),
+    layer("study", &[]),
+    // It takes meshes, images and attributes; of scenes only the encoding of colours.
+    layer(
+        "export",
+        &[
+            "sampling",
+            "sh",
+            "volume",
+            "level",
+            "scene::plan",
+            "transfer",
+            "transport",
+            "probe",
+            "surface",
+            "relight",
+            "render",
+            "compare",
+            "study",
+        ],
+    ),
+    layer("view", &["transport"]),
+    layer("cli", &[]),
+];
+
+/// Token sequences that must not appear outside the files that start with one of `allowed`.
+pub struct Rule {
+    pub patterns: &'static [&'static str],
+    pub allowed: &'static [&'static str],
+    pub why: &'static str,
+}
+
+const PROGRAM: &[&str] = &["src/cli/", "src/main.rs"];
+
+/// What library code must not do.
+pub const FORBIDDEN: &[Rule] = &[
+    Rule {
+        patterns: &[".unwrap(", ".expect(", "panic!", "todo!", "unimplemented!"],
+        allowed: &[],
+        why: "bad input is an Err that says what was found, expected, and to be done; state a bug with assert!",
+    },
+    Rule {
+        patterns: &["println!", "eprintln!", "print!", "eprint!", "dbg!"],
+        allowed: PROGRAM,
+        why: "the library never prints",
+    },
+    Rule { patterns: &["process::exit", "process::abort"], allowed: PROGRAM, why: "the library never exits" },
+    Rule { patterns: &["Instant::now", "SystemTime"], allowed: PROGRAM, why: "the library never reads the clock" },
+    Rule {
+        patterns: &["unsafe"],
+        // The one map of a file into memory.
+        allowed: &["src/transfer/store/backing.rs"],
+        why: "unsafe code is denied but for the memory map",
+    },
+    Rule {
+        patterns: &["thread::spawn", "thread::scope", "AtomicF32", "AtomicF64"],
+        allowed: PROGRAM,
+        why: "parallel loops go through rayon, write their own slots and sum in a fixed order",
+    },
+    Rule {
+        patterns: &[
+            ".sin(",
+            ".cos(",
+            ".tan(",
+            ".sin_cos(",
+            ".asin(",
+            ".acos(",
+            ".atan(",
+            ".atan2(",
+            ".sinh(",
+            ".cosh(",
+            ".tanh(",
+            ".exp(",
+            ".exp2(",
+            ".exp_m1(",
+            ".ln(",
+            ".ln_1p(",
+            ".log2(",
+            ".log10(",
+            ".powf(",
+            ".cbrt(",
+            ".hypot(",
+            ".mul_add(",
+            "from_axis_angle",
+            "from_rotation_x",
+            "from_rotation_y",
+            "from_rotation_z",
+            "angle_between",
+        ],
+        allowed: PROGRAM,
+        why: "the platform's mathematics differs from machine to machine; use the crate libm, and plain a·b + c",
+    },
+];
+
+/// Where rayon may be named: file (or the beginning of its path) and the loop it runs.
+pub const RAYON_FILES: &[(&str, &str)] = &[
+    ("src/transport/", "texels in bricks"),
+    ("src/probe/project.rs", "rows of an environment, summed in order"),
+    ("src/probe/read/layout.rs", "rows of a converted environment"),
+    ("src/surface/", "slabs of cells"),
+    ("src/relight/", "bricks to contract, vertices to look up"),
+    ("src/render/", "rows of a picture"),
+    ("src/cli/", "the pool of threads"),
+];
+
+/// Where the file system may be named, and why. Readers take `impl Read`.
+pub const FILE_SYSTEM_FILES: &[(&str, &str)] = &[
+    ("src/cli/", "opens what the user names"),
+    ("src/main.rs", "is the program"),
+    ("src/export/atomic.rs", "writes a file whole or not at all"),
+    ("src/transfer/store/", "is a folder of files"),
+    ("src/volume/open.rs", "opens a volume and the files its header names"),
+    ("src/probe/mod.rs", "opens an environment by its path"),
+];
+
+/// Crates that belong to certain modules.
+pub const CRATES: &[(&str, &[&str])] = &[
+    ("clap", &["cli", "main"]),
+    ("indicatif", &["cli", "main"]),
+    ("ctrlc", &["cli", "main"]),
+    ("directories", &["cli", "main"]),
+    ("exr", &["probe"]),
+    ("nifti", &["volume"]),
+    ("mrc", &["volume"]),
+    ("npyz", &["volume"]),
+    ("tiff", &["volume"]),
+    ("memmap2", &["transfer", "volume"]),
+    ("sobol_burley", &["sampling"]),
+];
