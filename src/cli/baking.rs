@@ -8,7 +8,7 @@ use crate::relight::texels_of_isosurface;
 use crate::scene;
 use crate::transfer::store::{ChunkExtent, Identity, Isovalues, Store};
 use crate::transfer::{Brick, Layout, Selection};
-use crate::transport::{Bake, Progress, Settings, Summary, bake, pilot};
+use crate::transport::{Bake, Progress, Settings, Summary, Target, bake, pilot};
 use crate::volume::Volume;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -44,6 +44,8 @@ pub(super) struct Report {
     pub(super) chunks_kept: usize,
     /// Rays per texel that were used; more than asked where the store has better texels already.
     pub(super) rays: u32,
+    /// Whether texels stopped at a standard error.
+    pub(super) has_target: bool,
     pub(super) prepare: Duration,
     pub(super) trace: Duration,
     pub(super) write: Duration,
@@ -83,7 +85,7 @@ impl Job<'_> {
 
     /// The plan of effects, from a trial of a few texels.
     pub(super) fn plan(&self, pyramid: &Pyramid, selection: &Selection, albedo: Option<f32>) -> Result<scene::Plan> {
-        let settings = Settings { rays: PILOT_RAYS, ..self.settings.clone() };
+        let settings = Settings { rays: PILOT_RAYS, target: None, ..self.settings.clone() };
         let (volume, layout) = (self.volume, &self.layout);
         let trial = pilot(&Bake { volume, pyramid, layout, settings: &settings, selection }, PILOT_TEXELS)?;
         let pilot = scene::Pilot {
@@ -116,6 +118,7 @@ impl Job<'_> {
             "input": self.label,
             "options": {
                 "rays": self.settings.rays,
+                "error": self.settings.target.as_ref().map(|t| t.error),
                 "layers": self.layout.layers.len(),
                 "bands": self.layout.layers.bands(),
                 "texture": self.layout.lattice.texels(),
@@ -129,13 +132,24 @@ impl Job<'_> {
 }
 
 /// Whether a chunk as it is has what is asked.
-fn covers(extent: &ChunkExtent, asked: &Isovalues, rays: u32) -> bool {
-    let values = match (&extent.isovalues, asked) {
+fn covers(extent: &ChunkExtent, asked: &ChunkExtent) -> bool {
+    let values = match (&extent.isovalues, &asked.isovalues) {
         (Isovalues::All, _) => true,
         (Isovalues::List(_), Isovalues::All) => false,
         (Isovalues::List(have), Isovalues::List(want)) => want.iter().all(|c| have.contains(c)),
     };
-    values && extent.rays >= rays
+    let error = match (extent.error_target, asked.error_target) {
+        (None, _) => true,
+        (Some(_), None) => false,
+        (Some(have), Some(want)) => have <= want,
+    };
+    values && error && extent.rays >= asked.rays
+}
+
+/// An extent that covers both.
+fn joined(a: ChunkExtent, b: &ChunkExtent) -> ChunkExtent {
+    let error_target = a.error_target.zip(b.error_target).map(|(a, b)| a.min(b));
+    ChunkExtent { isovalues: union(a.isovalues, &b.isovalues), rays: a.rays.max(b.rays), error_target }
 }
 
 /// Both sets of isovalues together, ascending.
@@ -154,37 +168,35 @@ fn union(a: Isovalues, b: &Isovalues) -> Isovalues {
 /// What remains to be baked.
 struct Todo {
     selection: Selection,
-    isovalues: Isovalues,
-    rays: u32,
+    extent: ChunkExtent,
     chunks: Vec<[usize; 3]>,
     kept: usize,
 }
 
-/// Chunks that are not what is asked. When such a chunk holds other isovalues or more rays, the bake takes
+/// Chunks that are not what is asked. When such a chunk holds other isovalues or better texels, the bake takes
 /// these over, so that a chunk never gets worse and its record stays true of all its texels.
 fn todo(job: &Job<'_>, store: &Store) -> Result<Todo> {
-    let mut isovalues = job.asked();
-    let mut rays = job.settings.rays;
-    let mut selection = job.selection(&isovalues);
+    let error_target = job.settings.target.as_ref().map(|t| f64::from(t.error));
+    let mut extent = ChunkExtent { isovalues: job.asked(), rays: job.settings.rays, error_target };
     loop {
-        let (asked, asked_rays) = (isovalues.clone(), rays);
+        let selection = job.selection(&extent.isovalues);
+        let mut next = extent.clone();
         let mut chunks = Vec::new();
         let mut kept = 0;
         for chunk in chunks_of(&selection) {
             match store.chunk_extent(chunk)? {
-                Some(extent) if covers(&extent, &asked, asked_rays) => kept += 1,
-                Some(extent) => {
-                    isovalues = union(isovalues, &extent.isovalues);
-                    rays = rays.max(extent.rays);
+                Some(have) if covers(&have, &extent) => kept += 1,
+                Some(have) => {
+                    next = joined(next, &have);
                     chunks.push(chunk);
                 }
                 None => chunks.push(chunk),
             }
         }
-        if isovalues == asked && rays == asked_rays {
-            return Ok(Todo { selection, isovalues, rays, chunks, kept });
+        if next == extent {
+            return Ok(Todo { selection, extent, chunks, kept });
         }
-        selection = job.selection(&isovalues);
+        extent = next;
     }
 }
 
@@ -209,14 +221,15 @@ pub(super) fn fill(job: &Job<'_>, path: &Path, console: &Console) -> Outcome<(St
     {
         let _lock = store.lock()?;
         let todo = todo(job, &store)?;
-        if todo.rays > job.settings.rays {
-            console.note(format!("the store holds texels with {} rays; the new ones get as many", todo.rays));
+        if todo.extent.rays > job.settings.rays {
+            console.note(format!("the store holds texels with {} rays; the new ones get as many", todo.extent.rays));
         }
         if todo.kept > 0 {
             console.note(format!("{} of {} chunks are there already", todo.kept, todo.kept + todo.chunks.len()));
         }
         report.prepare = start.elapsed();
-        (report.chunks_kept, report.rays) = (todo.kept, todo.rays);
+        (report.chunks_kept, report.rays) = (todo.kept, todo.extent.rays);
+        report.has_target = todo.extent.error_target.is_some();
         console.catch_interrupts();
         run(job, &pyramid, &store, &todo, console, &mut report)?;
     }
@@ -232,17 +245,18 @@ fn run(
     console: &Console,
     report: &mut Report,
 ) -> Outcome {
-    let settings = Settings { rays: todo.rays, ..job.settings.clone() };
+    let error = todo.extent.error_target.map(|error| error as f32);
+    let target = error.map(|error| Target::escape(&job.settings.layers, error));
+    let settings = Settings { rays: todo.extent.rays, target, ..job.settings.clone() };
     let request =
         Bake { volume: job.volume, pyramid, layout: &job.layout, settings: &settings, selection: &todo.selection };
-    let extent = ChunkExtent { isovalues: todo.isovalues.clone(), rays: todo.rays, error_target: None };
     let present = |chunk: [usize; 3]| Ok(store.read_chunk(chunk)?.map(|(bricks, _)| bricks));
     let progress = Progress::default();
     let start = Instant::now();
     let mut write = Duration::ZERO;
     let mut sink = |chunk: [usize; 3], bricks: Vec<Option<Brick>>| {
         let before = Instant::now();
-        store.write_chunk(chunk, bricks, &extent)?;
+        store.write_chunk(chunk, bricks, &todo.extent)?;
         write += before.elapsed();
         report.chunks_baked += 1;
         Ok(())
@@ -303,11 +317,11 @@ impl Report {
             (
                 "rays",
                 format!(
-                    "{} in {}, {}; {} a texel",
+                    "{} in {}, {}; {} paths a texel",
                     text::metric(s.counts.rays as f64).trim_end(),
                     text::duration(self.trace),
                     text::rate(s.counts.rays as f64, self.trace),
-                    self.rays
+                    text::number(s.paths as f64 / s.valid.max(1) as f64, 4)
                 ),
             ),
             (
@@ -323,7 +337,8 @@ impl Report {
             (
                 "error",
                 format!(
-                    "standard error of Σ a_k: median ≤ {:.3}, 95 % of texels ≤ {:.3}, RMS {:.4}",
+                    "standard error of {}: median ≤ {:.4}, 95 % of texels ≤ {:.4}; RMS of Σ a_k {:.4}",
+                    if self.has_target { "Σ a_k and a_0" } else { "Σ a_k" },
                     s.errors.quantile(0.5),
                     s.errors.quantile(0.95),
                     s.escape_stderr_rms()
@@ -360,12 +375,13 @@ impl Report {
             "rays_per_texel": self.rays,
             "counts": { "nodes": s.counts.nodes, "cells": s.counts.cells, "solves": s.counts.solves },
             "paths": s.paths,
+            "pilot_paths": s.pilot_paths,
             "lost_share": s.lost_share(),
             "trapped_share": s.trapped as f64 / s.paths.max(1) as f64,
             "mean_escapes": s.mean_escapes(),
             "escape_stderr": {
-                "p50": finite(s.errors.quantile(0.5)),
-                "p95": finite(s.errors.quantile(0.95)),
+                "p50": s.errors.quantile(0.5),
+                "p95": s.errors.quantile(0.95),
                 "rms": s.escape_stderr_rms(),
             },
             "seconds": {
@@ -378,10 +394,6 @@ impl Report {
             "store_bytes": store_bytes,
         })
     }
-}
-
-fn finite(value: f64) -> Option<f64> {
-    value.is_finite().then_some(value)
 }
 
 /// Bytes of all files under a path.

@@ -39,7 +39,9 @@ const ENVIRONMENTS: [&str; 3] = ["courtyard", "studio", "sunset"];
 const RAYS: u32 = 64;
 /// From the front left and above.
 const VIEW: &str = "150,15";
-const SIZE: &str = "480x400";
+/// The brain looks to the back of the images; this brings their brightest part before it.
+const ROTATE: &str = "150";
+const SIZE: &str = "400x344";
 
 impl Demo {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
@@ -62,7 +64,7 @@ impl Demo {
         console.print(indent(&lines));
         console.print("\n3. Relight: environments multiplied with what is stored; nothing is traced but camera rays.");
         let mut lit = Vec::new();
-        for (isovalue, environments) in [(outer, &ENVIRONMENTS[..]), (inner, &ENVIRONMENTS[..1])] {
+        for (isovalue, environments) in [(outer, &ENVIRONMENTS[..]), (inner, &ENVIRONMENTS[2..])] {
             for suffix in ["glb", "png"] {
                 let done = self.relight(&store, isovalue, environments, suffix, seed, console)?;
                 lit.push(done);
@@ -122,6 +124,7 @@ impl Demo {
         for environment in environments {
             line.extend(["--env", environment]);
         }
+        line.extend(["--env-rotate", ROTATE]);
         if suffix == "png" {
             line.extend(["--view", VIEW, "--size", SIZE]);
         }
@@ -143,7 +146,7 @@ fn parse(line: &[&str]) -> Outcome<Box<Relight>> {
 fn bake(volume: &Volume, store: &Path, seed: u64, console: &Console) -> Outcome<(String, serde_json::Value, f64)> {
     let start = Instant::now();
     let layout = Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0)?, layers: Layers::uniform(4, 5)? };
-    let settings = Settings { layers: layout.layers.clone(), rays: RAYS, seed, positive: false, target: None };
+    let settings = Settings { layers: layout.layers.clone(), rays: RAYS, seed, target: None, positive: false };
     let isovalues: Vec<f64> = ISOVALUES
         .iter()
         .map(|&c| Isovalue::Value(c).resolve(volume, None).map(|c| c.value))

@@ -60,15 +60,15 @@ enum Action {
         output: Option<PathBuf>,
     },
     /// Turn an environment about up and write it as a lat-long image
-    #[command(after_help = "Example:\n  isolume env rotate studio --env-rotate 90 -o turned.exr")]
+    #[command(after_help = "Example:\n  isolume env rotate studio --env-rotate 90 -o turned.hdr")]
     Rotate {
         #[command(flatten)]
         source: Source,
         /// Counter-clockwise about up, seen from above, in degrees
         #[arg(long, default_value_t = 0.0, value_name = "DEG", allow_hyphen_values = true)]
         env_rotate: f64,
-        /// File to write: .exr or .hdr
-        #[arg(short, long, value_name = "FILE")]
+        /// File to write, .hdr
+        #[arg(short, long, value_name = "FILE.hdr")]
         output: PathBuf,
     },
     /// Exit with 1 and say why if the environment is unusual
@@ -203,32 +203,17 @@ fn turned(image: &LatLong, degrees: f64) -> Result<LatLong> {
 }
 
 fn rotate(probe: &Probe, degrees: f64, output: &Path, console: &Console) -> Outcome {
-    let suffix = output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-    let radiance_format = match suffix.as_deref() {
-        Some("hdr") => true,
-        Some("exr") => false,
-        _ => {
-            let expected = "a name ending in .exr or .hdr";
-            return Err(Error::argument("output", output.display(), expected, "the ending decides the format").into());
-        }
-    };
+    if output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("hdr")) {
+        let remedy = "the Radiance format is what is written";
+        return Err(Error::argument("output", output.display(), "a name ending in .hdr", remedy).into());
+    }
     check_file(output)?;
     let image = turned(&probe.image, degrees)?;
     let (width, height) = (image.width(), image.height());
-    let other = |e: String| Error::io("", "write", std::io::Error::other(e));
     atomic::write(output, |w| {
-        if radiance_format {
-            let pixels: Vec<image::Rgb<f32>> = image.pixels().iter().map(|p| image::Rgb(*p)).collect();
-            image::codecs::hdr::HdrEncoder::new(w).encode(&pixels, width, height).map_err(|e| other(e.to_string()))
-        } else {
-            use exr::prelude::{Image, SpecificChannels, WritableImage};
-            let pixel = |p: exr::math::Vec2<usize>| {
-                let [r, g, b] = image.row(p.y())[p.x()];
-                (r, g, b)
-            };
-            let file = Image::from_channels((width, height), SpecificChannels::rgb(pixel));
-            file.write().to_buffered(w).map_err(|e| other(e.to_string()))
-        }
+        let pixels: Vec<image::Rgb<f32>> = image.pixels().iter().map(|p| image::Rgb(*p)).collect();
+        let encoder = image::codecs::hdr::HdrEncoder::new(w);
+        encoder.encode(&pixels, width, height).map_err(|e| Error::io("", "write", std::io::Error::other(e)))
     })?;
     console.print(format!("{}: {width} × {height}, turned by {degrees}°", output.display()));
     console.print_json(

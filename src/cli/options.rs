@@ -5,7 +5,7 @@ use super::text;
 use crate::error::{Error, Result};
 use crate::sh::MAX_BANDS;
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, MAX_LAYERS};
-use crate::transport::{REPLICATES, Settings};
+use crate::transport::{REPLICATES, Settings, Target};
 use crate::volume::Volume;
 
 /// Quality of a transfer texture.
@@ -14,6 +14,10 @@ pub(super) struct TransferArgs {
     /// Rays per texel, a power of two: 16 preview, 64 draft, 256 final, 4096 reference
     #[arg(long, default_value = "64", value_name = "N", value_parser = parse_rays)]
     pub(super) rays: u32,
+    /// Stop a texel when its standard errors of Σ a_k and of a_0 (1 = unoccluded) are this small; --rays is
+    /// then the most that it gets
+    #[arg(long, value_name = "E", value_parser = parse_error)]
+    pub(super) error: Option<f32>,
     /// Stored layers of light: 1 = direct only, N = N−1 bounces and the tail beyond [default: 4]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=MAX_LAYERS as i64))]
     pub(super) layers: Option<u8>,
@@ -55,6 +59,13 @@ fn parse_rays(text: &str) -> std::result::Result<u32, String> {
         Ok(rays)
     } else {
         Err("give a power of two from 4 to 1048576: 16 is a preview, 64 a draft, 256 final".into())
+    }
+}
+
+fn parse_error(text: &str) -> std::result::Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(error) if error > 0.0 && error < 1.0 => Ok(error),
+        _ => Err("give a standard error between 0 and 1, such as 0.02".into()),
     }
 }
 
@@ -127,7 +138,9 @@ impl TransferArgs {
 
     /// Settings of the estimator.
     pub(super) fn settings(&self, layout: &Layout, seed: u64) -> Settings {
-        Settings { layers: layout.layers.clone(), rays: self.rays, seed, positive: self.positive, target: None }
+        let layers = layout.layers.clone();
+        let target = self.error.map(|error| Target::escape(&layers, error));
+        Settings { layers, rays: self.rays, seed, target, positive: self.positive }
     }
 }
 

@@ -20,7 +20,7 @@ pub(super) struct PictureArgs {
     #[arg(long, default_value = "960x720", value_name = "WxH", value_parser = parse_size)]
     pub(super) size: (usize, usize),
     /// Behind the surface: white, black, transparent or #rrggbb (sRGB)
-    #[arg(long, default_value = "#e9ebee", value_name = "COLOUR", value_parser = parse_background)]
+    #[arg(long, default_value = "#2c3036", value_name = "COLOUR", value_parser = parse_background)]
     pub(super) background: [f32; 4],
 }
 

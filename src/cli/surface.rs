@@ -75,8 +75,24 @@ impl Surface {
         if self.positions.is_empty() {
             return Camera::framing(&all, up, view, projection, aspect);
         }
-        let points = self.positions.iter().map(|p| p.as_dvec3() + all.centre());
+        // Cut faces show in pictures: corners of the box that are solid belong to what is seen.
+        let points = self.positions.iter().map(|p| p.as_dvec3() + all.centre()).chain(self.solid_corners(volume));
         Camera::framing_points(points, up, view, projection, aspect)
+    }
+}
+
+impl Surface {
+    /// Corners of the box inside the solid, in world.
+    fn solid_corners(&self, volume: &Volume) -> Vec<DVec3> {
+        let last = volume.dims().map(|d| d - 1);
+        let corners = (0..8).map(|i| [0, 1, 2].map(|a| if i >> a & 1 == 0 { 0 } else { last[a] }));
+        let raw = volume.raw_from_value(self.isovalue);
+        let solid = |&[x, y, z]: &[usize; 3]| {
+            let sample = f64::from(volume.samples().raw(volume.index(x, y, z)));
+            f64::from(volume.solid_sign()) * (sample - raw) > 0.0
+        };
+        let place = |c: [usize; 3]| volume.world_from_grid().point(DVec3::from_array(c.map(|v| v as f64)));
+        corners.filter(solid).map(place).collect()
     }
 }
 
