@@ -106,7 +106,7 @@ fn the_discretisation_bias_falls_with_the_square_of_the_radius() {
 fn probe_noise() {
     let volume = bowl(32);
     let radius = |t: [usize; 3]| (DVec3::new(t[0] as f64, t[1] as f64, t[2] as f64) - 32.0).length();
-    for (lo, hi, border) in [(8.0, 16.0, false), (16.0, 24.0, false), (24.0, 31.0, false), (8.0, 16.0, true), (24.0, 31.0, true)] {
+    for (lo, hi, border) in [(16.0, 24.0, false)] {
         let texels = pick(volume.dims(), 500, 11, |t| (lo..hi).contains(&radius(t)) && (t[2] == 32) == border);
         let one = bake_texels(&volume, &settings(&[1, 1, 1, 1], 256, 2), &texels);
         let two = bake_texels(&volume, &settings(&[1, 1, 1, 1], 256, 3), &texels);

@@ -153,6 +153,24 @@ impl Baked {
         ROOT_FOUR_PI * self.stderr(texel)[self.layers().error_offset(k)]
     }
 
+    /// Whether all bytes are the same, and the totals.
+    pub fn same_bits(&self, other: &Self) -> bool {
+        self.summary == other.summary && self.same_bits_but_counts(other)
+    }
+
+    /// Whether all bytes are the same, however much work they took.
+    pub fn same_bits_but_counts(&self, other: &Self) -> bool {
+        let bits = |v: &[half::f16]| v.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+        self.bricks() == other.bricks()
+            && self.bricks().into_iter().all(|b| {
+                let (a, b) = (self.texture.brick(b).unwrap().unwrap(), other.texture.brick(b).unwrap().unwrap());
+                bits(a.transfer) == bits(b.transfer)
+                    && bits(a.stderr) == bits(b.stderr)
+                    && a.validity == b.validity
+                    && a.rays == b.rays
+            })
+    }
+
     /// Bricks that hold anything.
     pub fn bricks(&self) -> Vec<[usize; 3]> {
         let [bx, by, bz] = self.texture.layout().lattice.bricks();

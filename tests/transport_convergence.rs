@@ -1,0 +1,154 @@
+//! VALIDATION 26 and the bump-box row of DESIGN 7: how the error falls with the number of rays,
+//! and whether the error bars tell the truth.
+
+mod common;
+
+use common::{Baked, bake_texels, pick, settings};
+use isolume::sampling::statistics::{Running, T_QUANTILE_95_3, log_log_slope, normal_two_sided, relative_rms, rms, rms_over_mean, sidak};
+use isolume::volume::Volume;
+use isolume::volume::field::{BumpBox, SphereOverPlane, sample};
+
+fn scenes() -> Vec<(&'static str, Volume)> {
+    vec![
+        ("bump box", sample(&BumpBox, [64; 3]).unwrap()),
+        ("sphere over plane", sample(&SphereOverPlane::default(), [64; 3]).unwrap()),
+    ]
+}
+
+/// A fixed sample of the valid texels.
+fn valid_texels(volume: &Volume, count: usize, stream: u64) -> Vec<[usize; 3]> {
+    let texels = pick(volume.dims(), count, stream, |_| true);
+    let baked = bake_texels(volume, &settings(&[1], 4, 0), &texels);
+    texels.into_iter().filter(|&t| baked.is_valid(t)).collect()
+}
+
+/// RMS of T of DESIGN 1: layers weighted by ρ^(k+1).
+fn rms_of_transfer(found: &Baked, reference: &Baked, texels: &[[usize; 3]], rho: f64) -> f64 {
+    let layers = found.layers().clone();
+    let weighted = |baked: &Baked, t| -> Vec<f64> {
+        let mut v = baked.transfer(t);
+        for k in 0..layers.len() {
+            for x in &mut v[layers.offset(k)..][..layers.bands()[k] * layers.bands()[k]] {
+                *x *= rho.powi(k as i32 + 1);
+            }
+        }
+        v
+    };
+    relative_rms(texels.iter().flat_map(|&t| weighted(found, t).into_iter().zip(weighted(reference, t))))
+}
+
+/// Σ ρ^(k+1) a_k.
+fn ambient(baked: &Baked, t: [usize; 3], rho: f64) -> f64 {
+    (0..baked.layers().len()).map(|k| rho.powi(k as i32 + 1) * baked.escape(t, k)).sum()
+}
+
+#[test]
+fn the_bump_box_meets_its_targets() {
+    let volume = sample(&BumpBox, [64; 3]).unwrap();
+    let texels = valid_texels(&volume, 250, 1);
+    let reference = bake_texels(&volume, &settings(&[5; 4], 8192, 1000), &texels);
+    for seed in 1..=2 {
+        let found = bake_texels(&volume, &settings(&[5; 4], 256, seed), &texels);
+        let transfer = rms_of_transfer(&found, &reference, &texels, 0.7);
+        let light = rms_over_mean(texels.iter().map(|&t| (ambient(&found, t, 0.7), ambient(&reference, t, 0.7))));
+        println!(
+            "{} texels, lost {:.5}; 256 rays: RMS of T {:.2} % (4.5), ambient {:.3} % (0.35)",
+            texels.len(),
+            found.summary.lost_share(),
+            100.0 * transfer,
+            100.0 * light
+        );
+        let direct = bake_texels(&volume, &settings(&[5], 1024, seed + 10), &texels);
+        let first = bake_texels(&volume, &settings(&[5], 16384, seed + 1010), &texels);
+        let direct = rms_of_transfer(&direct, &first, &texels, 0.7);
+        println!("1024 rays, direct only: RMS of T {:.3} % (0.7)", 100.0 * direct);
+    }
+}
+
+#[test]
+fn scrambled_sobol_points_converge_faster_than_random_ones() {
+    for (name, volume) in scenes() {
+        // Texels that are neither open nor shut: the others have no error at all.
+        let mut texels = valid_texels(&volume, 400, 2);
+        let reference = bake_texels(&volume, &settings(&[2], 1 << 14, 999), &texels);
+        texels.retain(|&t| (0.05..0.98).contains(&reference.escape(t, 0)));
+        let mut ladder = Vec::new();
+        for rays in [16, 32, 64, 128, 256, 512, 1024] {
+            let baked = bake_texels(&volume, &settings(&[2], rays, u64::from(rays)), &texels);
+            let error = rms(texels.iter().map(|&t| baked.escape(t, 0) - reference.escape(t, 0)));
+            ladder.push((f64::from(rays), error));
+        }
+        let slope = log_log_slope(&ladder);
+        println!("{name}: {} texels, ambient error {:?}, slope {slope:.3}", texels.len(), ladder.iter().map(|p| format!("{:.5}", p.1)).collect::<Vec<_>>());
+        assert!(slope <= -0.7, "{name}: {slope}");
+    }
+}
+
+#[test]
+fn estimates_are_unbiased_and_their_intervals_cover() {
+    for (name, volume) in scenes() {
+        let texels = valid_texels(&volume, 60, 3);
+        let bands = [3, 2, 2];
+        let reference = bake_texels(&volume, &settings(&bands, 1 << 14, 999), &texels);
+        let coefficients = reference.layers().coefficients();
+        const SEEDS: u64 = 100;
+        for rays in [16u32, 64] {
+            let mut means = vec![Running::new(); texels.len() * coefficients];
+            let (mut covered, mut asked, mut plain) = ([0u32; 3], [0u32; 3], [0u32; 3]);
+            for seed in 0..SEEDS {
+                let baked = bake_texels(&volume, &settings(&bands, rays, seed), &texels);
+                for (i, &t) in texels.iter().enumerate() {
+                    for (c, v) in baked.transfer(t).into_iter().enumerate() {
+                        means[i * coefficients + c].push(v);
+                    }
+                    for k in 0..3 {
+                        let truth = reference.escape(t, k);
+                        if (0.02..0.995).contains(&truth) {
+                            let (a, e) = (baked.escape(t, k), baked.escape_error(t, k));
+                            asked[k] += 1;
+                            covered[k] += u32::from((a - truth).abs() <= T_QUANTILE_95_3 * e);
+                            plain[k] += u32::from(e == 0.0);
+                        }
+                    }
+                }
+            }
+            // The mean over seeds against the reference, whose own error is a tenth of it or less.
+            let mut worst = (1.0, 0);
+            let mut tests = 0;
+            for (j, mean) in means.iter().enumerate() {
+                let truth = reference.transfer(texels[j / coefficients])[j % coefficients];
+                let own = reference.stderr(texels[j / coefficients]);
+                let (layers, c) = (reference.layers(), j % coefficients);
+                let k = (0..layers.len()).rev().find(|&k| layers.offset(k) <= c).unwrap();
+                let own = own[layers.error_offset(k) + (c - layers.offset(k)).isqrt()];
+                // Rounding to f16 of both, as a bound on a shift.
+                let shift = 4.9e-4 * truth.abs();
+                let error = (mean.standard_error().powi(2) + own * own).sqrt();
+                let off = ((mean.mean() - truth).abs() - shift).max(0.0);
+                if error > 0.0 {
+                    tests += 1;
+                    let p = normal_two_sided(off / error);
+                    if p < worst.0 {
+                        worst = (p, j);
+                    }
+                } 
+            }
+            let share = |k: usize| f64::from(covered[k]) / f64::from(asked[k].max(1));
+            println!("{name}, {rays} rays: smallest p {:.2e} of {tests} tests (limit {:.2e}); coverage {:.3} {:.3} {:.3} of {asked:?}, zero errors {plain:?}", worst.0, sidak(0.001, tests), share(0), share(1), share(2));
+        }
+    }
+}
+
+#[test]
+fn the_control_variate_gains_what_it_promises() {
+    let volume = sample(&BumpBox, [64; 3]).unwrap();
+    let texels = valid_texels(&volume, 400, 5);
+    let reference = bake_texels(&volume, &settings(&[5], 8192, 1000), &texels);
+    for (rays, target) in [(16, 2.7), (64, 1.6)] {
+        let mut with = settings(&[5], rays, 1);
+        let a = rms_of_transfer(&bake_texels(&volume, &with, &texels), &reference, &texels, 0.7);
+        with.positive = true;
+        let b = rms_of_transfer(&bake_texels(&volume, &with, &texels), &reference, &texels, 0.7);
+        println!("{rays} rays: RMS of T {:.2} % with, {:.2} % without control variate: gain {:.2} ({target})", 100.0 * a, 100.0 * b, b / a);
+    }
+}
