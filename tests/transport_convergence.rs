@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Baked, bake_texels, pick, settings};
-use isolume::sampling::statistics::{Running, T_QUANTILE_95_3, log_log_slope, normal_two_sided, relative_rms, rms, rms_over_mean, sidak};
+use isolume::sampling::statistics::{Running, T_QUANTILE_95_3, log_log_slope, relative_rms, rms, rms_over_mean, sidak};
 use isolume::volume::Volume;
 use isolume::volume::field::{BumpBox, SphereOverPlane, sample};
 
@@ -20,6 +20,14 @@ fn valid_texels(volume: &Volume, count: usize, stream: u64) -> Vec<[usize; 3]> {
     let texels = pick(volume.dims(), count, stream, |_| true);
     let baked = bake_texels(volume, &settings(&[1], 4, 0), &texels);
     texels.into_iter().filter(|&t| baked.is_valid(t)).collect()
+}
+
+/// A fixed sample of texels that are neither open nor shut: the others have no error to speak of.
+fn shadowed_texels(volume: &Volume, count: usize, stream: u64) -> Vec<[usize; 3]> {
+    let texels = pick(volume.dims(), 30 * count, stream, |_| true);
+    let baked = bake_texels(volume, &settings(&[1], 64, 77), &texels);
+    let shadowed = |&t: &[usize; 3]| baked.is_valid(t) && (0.1..0.9).contains(&baked.escape(t, 0));
+    texels.into_iter().filter(shadowed).take(count).collect()
 }
 
 /// RMS of T of DESIGN 1: layers weighted by ρ^(k+1).
@@ -68,18 +76,19 @@ fn the_bump_box_meets_its_targets() {
 #[test]
 fn scrambled_sobol_points_converge_faster_than_random_ones() {
     for (name, volume) in scenes() {
-        // Texels that are neither open nor shut: the others have no error at all.
-        let mut texels = valid_texels(&volume, 400, 2);
-        let reference = bake_texels(&volume, &settings(&[2], 1 << 14, 999), &texels);
-        texels.retain(|&t| (0.05..0.98).contains(&reference.escape(t, 0)));
+        let texels = shadowed_texels(&volume, 150, 2);
+        let reference = bake_texels(&volume, &settings(&[1], 1 << 15, 999), &texels);
         let mut ladder = Vec::new();
         for rays in [16, 32, 64, 128, 256, 512, 1024] {
-            let baked = bake_texels(&volume, &settings(&[2], rays, u64::from(rays)), &texels);
+            let baked = bake_texels(&volume, &settings(&[1], rays, u64::from(rays)), &texels);
             let error = rms(texels.iter().map(|&t| baked.escape(t, 0) - reference.escape(t, 0)));
+            let claimed = rms(texels.iter().map(|&t| baked.escape_error(t, 0)));
+            println!("{name}, {} texels, {rays} rays: ambient error {error:.5}, claimed {claimed:.5}", texels.len());
             ladder.push((f64::from(rays), error));
         }
         let slope = log_log_slope(&ladder);
-        println!("{name}: {} texels, ambient error {:?}, slope {slope:.3}", texels.len(), ladder.iter().map(|p| format!("{:.5}", p.1)).collect::<Vec<_>>());
+        println!("{name}: slope {slope:.3}");
+        // Points that are random by mistake (a wrong bit reversal) give −0.5.
         assert!(slope <= -0.7, "{name}: {slope}");
     }
 }
@@ -87,54 +96,53 @@ fn scrambled_sobol_points_converge_faster_than_random_ones() {
 #[test]
 fn estimates_are_unbiased_and_their_intervals_cover() {
     for (name, volume) in scenes() {
-        let texels = valid_texels(&volume, 60, 3);
+        let texels = shadowed_texels(&volume, 50, 3);
         let bands = [3, 2, 2];
-        let reference = bake_texels(&volume, &settings(&bands, 1 << 14, 999), &texels);
+        let reference = bake_texels(&volume, &settings(&bands, 1 << 15, 999), &texels);
         let coefficients = reference.layers().coefficients();
         const SEEDS: u64 = 100;
         for rays in [16u32, 64] {
-            let mut means = vec![Running::new(); texels.len() * coefficients];
-            let (mut covered, mut asked, mut plain) = ([0u32; 3], [0u32; 3], [0u32; 3]);
+            let mut texel_means = vec![Running::new(); texels.len() * coefficients];
+            let mut means = vec![Running::new(); coefficients];
+            let (mut covered, mut asked, mut equal) = ([0u32; 3], [0u32; 3], [0u32; 3]);
             for seed in 0..SEEDS {
                 let baked = bake_texels(&volume, &settings(&bands, rays, seed), &texels);
+                let mut sums = vec![0.0; coefficients];
                 for (i, &t) in texels.iter().enumerate() {
                     for (c, v) in baked.transfer(t).into_iter().enumerate() {
-                        means[i * coefficients + c].push(v);
+                        texel_means[i * coefficients + c].push(v);
+                        sums[c] += v / texels.len() as f64;
                     }
                     for k in 0..3 {
-                        let truth = reference.escape(t, k);
-                        if (0.02..0.995).contains(&truth) {
-                            let (a, e) = (baked.escape(t, k), baked.escape_error(t, k));
-                            asked[k] += 1;
-                            covered[k] += u32::from((a - truth).abs() <= T_QUANTILE_95_3 * e);
-                            plain[k] += u32::from(e == 0.0);
+                        let (truth, a, e) = (reference.escape(t, k), baked.escape(t, k), baked.escape_error(t, k));
+                        let floor = 3.0 / f64::from(rays);
+                        if truth < 0.02 || e == 0.0 || (k == 0 && (e - floor).abs() < 1e-3 * floor) {
+                            equal[k] += 1;
+                            continue;
                         }
+                        asked[k] += 1;
+                        covered[k] += u32::from((a - truth).abs() <= T_QUANTILE_95_3 * e);
                     }
                 }
+                sums.into_iter().enumerate().for_each(|(c, v)| means[c].push(v));
             }
-            // The mean over seeds against the reference, whose own error is a tenth of it or less.
-            let mut worst = (1.0, 0);
-            let mut tests = 0;
-            for (j, mean) in means.iter().enumerate() {
-                let truth = reference.transfer(texels[j / coefficients])[j % coefficients];
-                let own = reference.stderr(texels[j / coefficients]);
-                let (layers, c) = (reference.layers(), j % coefficients);
-                let k = (0..layers.len()).rev().find(|&k| layers.offset(k) <= c).unwrap();
-                let own = own[layers.error_offset(k) + (c - layers.offset(k)).isqrt()];
-                // Rounding to f16 of both, as a bound on a shift.
-                let shift = 4.9e-4 * truth.abs();
-                let error = (mean.standard_error().powi(2) + own * own).sqrt();
-                let off = ((mean.mean() - truth).abs() - shift).max(0.0);
-                if error > 0.0 {
-                    tests += 1;
-                    let p = normal_two_sided(off / error);
-                    if p < worst.0 {
-                        worst = (p, j);
-                    }
-                } 
+            // Means over the texels: one test for each coefficient. The error of the reference,
+            // with 500 times and more the rays, and its rounding are far below theirs.
+            let mut smallest = 1.0f64;
+            for (c, mean) in means.iter().enumerate() {
+                let truth = texels.iter().map(|&t| reference.transfer(t)[c]).sum::<f64>() / texels.len() as f64;
+                smallest = smallest.min(mean.p_of_mean(truth));
+            }
+            // Direct light of each texel: nine tests for each.
+            let mut smallest_texel = 1.0f64;
+            for (i, &t) in texels.iter().enumerate() {
+                let truth = reference.transfer(t);
+                for c in 0..9 {
+                    smallest_texel = smallest_texel.min(texel_means[i * coefficients + c].p_of_mean(truth[c]));
+                }
             }
             let share = |k: usize| f64::from(covered[k]) / f64::from(asked[k].max(1));
-            println!("{name}, {rays} rays: smallest p {:.2e} of {tests} tests (limit {:.2e}); coverage {:.3} {:.3} {:.3} of {asked:?}, zero errors {plain:?}", worst.0, sidak(0.001, tests), share(0), share(1), share(2));
+            println!("{name}, {rays} rays: smallest p {smallest:.1e} (limit {:.1e}), of texels {smallest_texel:.1e} (limit {:.1e}); coverage {:.3} {:.3} {:.3} of {asked:?}, equal or rare {equal:?}", sidak(0.01, coefficients), sidak(0.01, 9 * texels.len()), share(0), share(1), share(2));
         }
     }
 }
@@ -142,7 +150,7 @@ fn estimates_are_unbiased_and_their_intervals_cover() {
 #[test]
 fn the_control_variate_gains_what_it_promises() {
     let volume = sample(&BumpBox, [64; 3]).unwrap();
-    let texels = valid_texels(&volume, 400, 5);
+    let texels = shadowed_texels(&volume, 150, 5);
     let reference = bake_texels(&volume, &settings(&[5], 8192, 1000), &texels);
     for (rays, target) in [(16, 2.7), (64, 1.6)] {
         let mut with = settings(&[5], rays, 1);

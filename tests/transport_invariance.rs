@@ -61,16 +61,19 @@ fn a_texel_replayed_alone_is_the_texel_of_the_bake() {
             assert!((a - b).abs() <= 4.9e-4 * b.abs() + 3e-6, "{t:?} {i}: {a} {b}");
         }
     }
-    // The control variate is of layer 0 only, and does not change a_0.
+    // The control variate is of layer 0 only, and does not change a_0; elsewhere it does
+    // something unless nothing was visible.
     let mut plain = settings.clone();
     plain.positive = false;
     let with = bake_texels(&volume, &plain, &texels);
+    let mut changed = 0;
     for &t in &texels {
         let (a, b) = (with.transfer(t), baked.transfer(t));
         assert_eq!(a[25..], b[25..]);
         assert!((a[0] - b[0]).abs() <= 4.9e-4 * b[0], "{} {}", a[0], b[0]);
-        assert!(a[1..25] != b[1..25]);
+        changed += usize::from(a[1..25] != b[1..25]);
     }
+    assert!(changed * 2 > texels.len(), "{changed}");
 }
 
 #[test]
