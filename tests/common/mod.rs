@@ -69,7 +69,7 @@ pub fn quantised(volume: &Volume, levels: f64, inter: f64) -> Volume {
 }
 
 pub fn settings(bands: &[usize], rays: u32, seed: u64) -> Settings {
-    Settings { layers: Layers::new(bands.to_vec()).unwrap(), rays, seed, positive: false }
+    Settings { layers: Layers::new(bands.to_vec()).unwrap(), rays, seed, positive: false, target: None }
 }
 
 /// Texels baked into memory.
