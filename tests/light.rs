@@ -33,7 +33,7 @@ impl Scene {
     fn new(spec: &str, isovalue: f64, layers: Layers, rays: u32, positive: bool) -> Self {
         let volume = field::by_name(spec).unwrap().unwrap().sample().unwrap();
         let pyramid = Pyramid::new(&volume);
-        let settings = Settings { layers, rays, seed: 1, positive };
+        let settings = Settings { layers, rays, seed: 1, positive, target: None };
         let lattice = Lattice::from_ratio(volume.dims(), 1.0).unwrap();
         let layout = Layout { lattice, layers: settings.layers.clone() };
         let selection = texels_of_isosurface(&volume, lattice, isovalue);

@@ -87,9 +87,8 @@ fn the_discretisation_bias_falls_with_the_square_of_the_radius() {
     let volume = bowl(40);
     let mut ladder = Vec::new();
     for c in [8.0, 16.0, 32.0] {
-        let near = |t: [usize; 3]| {
-            ((DVec3::new(t[0] as f64, t[1] as f64, t[2] as f64) - 40.0).length() - c).abs() < 0.5
-        };
+        let near =
+            |t: [usize; 3]| ((DVec3::new(t[0] as f64, t[1] as f64, t[2] as f64) - 40.0).length() - c).abs() < 0.5;
         let texels = pick(volume.dims(), 150, 7, near);
         let baked = bake_texels(&volume, &settings(&[1, 1, 1, 1], 4096, 3), &texels);
         let of_layer = |k| texels.iter().map(|&t| baked.escape(t, k) / expected(k) - 1.0).collect::<Running>();
@@ -115,7 +114,13 @@ fn probe_noise() {
             let bias: Running = texels.iter().map(|&t| one.escape(t, k) / expected(k) - 1.0).collect();
             let noise = rms(texels.iter().map(|&t| (one.escape(t, k) - two.escape(t, k)) / expected(k))) / 2f64.sqrt();
             let claimed = rms(texels.iter().map(|&t| one.escape_error(t, k) / expected(k)));
-            println!("{lo}..{hi} border {border} layer {k}: error {:.2} noise {:.2} claimed {:.2} mean {:+.3} %", 100.0 * error, 100.0 * noise, 100.0 * claimed, 100.0*bias.mean());
+            println!(
+                "{lo}..{hi} border {border} layer {k}: error {:.2} noise {:.2} claimed {:.2} mean {:+.3} %",
+                100.0 * error,
+                100.0 * noise,
+                100.0 * claimed,
+                100.0 * bias.mean()
+            );
         }
     }
 }

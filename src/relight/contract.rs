@@ -15,13 +15,15 @@ pub struct Contracted {
     // Per slot 512 × (red, green, blue, weight); weight 1 for valid texels, 0 for others, −1 for texels
     // that were never baked.
     pub(super) radiance: Vec<[f32; 4]>,
+    // Beside each the standard error of the mean of its channels.
+    stderr: Vec<f32>,
     /// Noise of the bake as it shows under this light and material, over the valid texels contracted.
     pub noise: Noise,
     /// Largest S_∞ left out by emission at albedo 1, see [`Tail::emission`]; 0 otherwise.
     pub emission_remainder: f32,
 }
 
-/// Standard error of the contracted radiance (mean over the channels), from the stored standard errors:
+/// Standard error of the contracted radiance (mean of the channels), from the stored standard errors:
 /// σ² = Σ_k ρ^(2(k+1)) Σ_l σ_kl² Σ_m L_lm², which takes the coefficients as uncorrelated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Noise {
@@ -159,12 +161,14 @@ pub fn contract(
         slots[b[0] + bx * (b[1] + by * b[2])] = slot as u32;
     }
     let mut radiance = vec![[0.0, 0.0, 0.0, -1.0]; bricks.len() * BRICK_TEXELS];
+    let mut stderr = vec![0.0f32; radiance.len()];
     let totals = radiance
         .par_chunks_mut(BRICK_TEXELS)
+        .zip(stderr.par_chunks_mut(BRICK_TEXELS))
         .zip(bricks)
-        .map_init(Vec::new, |buffer, (out, &index)| {
+        .map_init(Vec::new, |buffer, ((out, errors), &index)| {
             Ok(match source.brick(index)? {
-                Some(view) => contract_brick(&view, &layout.layers, &weights, out, buffer),
+                Some(view) => contract_brick(&view, &layout.layers, &weights, out, errors, buffer),
                 None => BrickTotals::default(),
             })
         })
@@ -178,7 +182,7 @@ pub fn contract(
     }
     let n = sum.texels.max(1) as f64;
     let noise = Noise { rms: (sum.variance / n).sqrt(), mean_radiance: sum.radiance / n, texels: sum.texels };
-    Ok(Contracted { lattice: layout.lattice, slots, radiance, noise, emission_remainder: sum.left_out })
+    Ok(Contracted { lattice: layout.lattice, slots, radiance, stderr, noise, emission_remainder: sum.left_out })
 }
 
 fn contract_brick(
@@ -186,6 +190,7 @@ fn contract_brick(
     layers: &Layers,
     weights: &Weights,
     out: &mut [[f32; 4]],
+    out_errors: &mut [f32],
     buffer: &mut Vec<f32>,
 ) -> BrickTotals {
     let (coefficients, errors) = (layers.coefficients(), layers.errors());
@@ -201,7 +206,9 @@ fn contract_brick(
         stored.convert_to_f32_slice(buffer);
         let (rgb, left_out) = weights.texel(buffer, layers);
         *out = [rgb.x, rgb.y, rgb.z, 1.0];
-        totals.variance += f64::from(weights.variance(&view.stderr[t * errors..(t + 1) * errors]));
+        let variance = weights.variance(&view.stderr[t * errors..(t + 1) * errors]);
+        out_errors[t] = variance.sqrt();
+        totals.variance += f64::from(variance);
         totals.radiance += f64::from(rgb.x + rgb.y + rgb.z) / 3.0;
         totals.texels += 1;
         totals.left_out = totals.left_out.max(left_out);
@@ -213,13 +220,21 @@ impl Contracted {
     /// Radiance and weight of a texel: 1 valid, 0 without a level set, −1 never baked or not contracted.
     #[inline]
     pub(super) fn texel(&self, texel: [usize; 3]) -> [f32; 4] {
+        self.slot(texel).map_or([0.0, 0.0, 0.0, -1.0], |i| self.radiance[i])
+    }
+
+    /// Standard error of the mean of the channels of a texel; 0 where [`Self::texel`] has weight 0 or −1.
+    #[inline]
+    pub(super) fn texel_stderr(&self, texel: [usize; 3]) -> f32 {
+        self.slot(texel).map_or(0.0, |i| self.stderr[i])
+    }
+
+    #[inline]
+    fn slot(&self, texel: [usize; 3]) -> Option<usize> {
         let [bx, by, _] = self.lattice.bricks();
         let slot = self.slots[texel[0] / BRICK + bx * (texel[1] / BRICK + by * (texel[2] / BRICK))];
-        if slot == NO_BRICK {
-            return [0.0, 0.0, 0.0, -1.0];
-        }
         let inner = texel[0] % BRICK + BRICK * (texel[1] % BRICK + BRICK * (texel[2] % BRICK));
-        self.radiance[slot as usize * BRICK_TEXELS + inner]
+        (slot != NO_BRICK).then_some(slot as usize * BRICK_TEXELS + inner)
     }
 
     /// Number of bricks contracted.

@@ -24,7 +24,7 @@ pub use clamp::ClampReport;
 pub use contract::{Contracted, Noise, contract};
 pub use exposure::Exposure;
 pub use light::Light;
-pub use lookup::{LookupReport, VertexRadiance};
+pub use lookup::{LookupReport, SurfaceError, VertexRadiance};
 pub use tail::Tail;
 pub use window::{LayerWindow, Prepared, prepare};
 
