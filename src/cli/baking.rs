@@ -230,7 +230,7 @@ pub(super) fn fill(job: &Job<'_>, path: &Path, console: &Console) -> Outcome<(St
         report.prepare = start.elapsed();
         (report.chunks_kept, report.rays) = (todo.kept, todo.extent.rays);
         report.has_target = todo.extent.error_target.is_some();
-        console.catch_interrupts();
+        let _guard = console.guard();
         run(job, &pyramid, &store, &todo, console, &mut report)?;
     }
     store.refresh();
@@ -303,36 +303,65 @@ impl Report {
         let valid = s.valid as f64 / s.texels.max(1) as f64;
         let clamped = s.clamped as f64 / s.valid.max(1) as f64;
         let rows = [
-            ("texels", format!(
-                "{} asked, {} valid ({}), {} clamped ({})",
-                text::count(s.texels), text::count(s.valid), text::percent(valid),
-                text::count(s.clamped), text::percent(clamped)
-            )),
-            ("rays", format!(
-                "{} in {}, {}; {} paths a texel",
-                text::metric(s.counts.rays as f64).trim_end(), text::duration(self.trace),
-                text::rate(s.counts.rays as f64, self.trace),
-                text::number(s.paths as f64 / s.valid.max(1) as f64, 4)
-            )),
-            ("paths", format!(
-                "{}: {} lost in the solid, {} still travelling after the last layer",
-                text::metric(s.paths as f64).trim_end(), text::percent(s.lost_share()),
-                text::percent(s.trapped as f64 / s.paths.max(1) as f64)
-            )),
+            (
+                "texels",
+                format!(
+                    "{} asked, {} valid ({}), {} clamped ({})",
+                    text::count(s.texels),
+                    text::count(s.valid),
+                    text::percent(valid),
+                    text::count(s.clamped),
+                    text::percent(clamped)
+                ),
+            ),
+            (
+                "rays",
+                format!(
+                    "{} in {}, {}; {} paths a texel",
+                    text::metric(s.counts.rays as f64).trim_end(),
+                    text::duration(self.trace),
+                    text::rate(s.counts.rays as f64, self.trace),
+                    text::number(s.paths as f64 / s.valid.max(1) as f64, 4)
+                ),
+            ),
+            (
+                "paths",
+                format!(
+                    "{}: {} lost in the solid, {} still travelling after the last layer",
+                    text::metric(s.paths as f64).trim_end(),
+                    text::percent(s.lost_share()),
+                    text::percent(s.trapped as f64 / s.paths.max(1) as f64)
+                ),
+            ),
             ("mean a_k", format!("{}  (chance to escape after exactly k bounces)", escapes.join("  "))),
-            ("error", format!(
-                "standard error of {}: median ≤ {:.4}, 95 % of texels ≤ {:.4}; RMS of Σ a_k {:.4}",
-                if self.has_target { "Σ a_k and a_0" } else { "Σ a_k" },
-                s.errors.quantile(0.5), s.errors.quantile(0.95), s.escape_stderr_rms()
-            )),
-            ("time", format!(
-                "prepare {}, trace {}, write {}",
-                text::duration(self.prepare), text::duration(self.trace), text::duration(self.write)
-            )),
-            ("store", format!(
-                "{} chunks written, {} kept, {}",
-                self.chunks_baked, self.chunks_kept, text::bytes(store_bytes as f64)
-            )),
+            (
+                "error",
+                format!(
+                    "standard error of {}: median ≤ {:.4}, 95 % of texels ≤ {:.4}; RMS of Σ a_k {:.4}",
+                    if self.has_target { "Σ a_k and a_0" } else { "Σ a_k" },
+                    s.errors.quantile(0.5),
+                    s.errors.quantile(0.95),
+                    s.escape_stderr_rms()
+                ),
+            ),
+            (
+                "time",
+                format!(
+                    "prepare {}, trace {}, write {}",
+                    text::duration(self.prepare),
+                    text::duration(self.trace),
+                    text::duration(self.write)
+                ),
+            ),
+            (
+                "store",
+                format!(
+                    "{} chunks written, {} kept, {}",
+                    self.chunks_baked,
+                    self.chunks_kept,
+                    text::bytes(store_bytes as f64)
+                ),
+            ),
         ];
         text::table(&rows.map(|(name, value)| vec![name.to_string(), value]))
     }

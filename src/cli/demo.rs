@@ -147,16 +147,11 @@ fn bake(volume: &Volume, store: &Path, seed: u64, console: &Console) -> Outcome<
     let start = Instant::now();
     let layout = Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0)?, layers: Layers::uniform(4, 5)? };
     let settings = Settings { layers: layout.layers.clone(), rays: RAYS, seed, target: None, positive: false };
-    let isovalues: Vec<f64> =
-        ISOVALUES.iter().map(|&c| Isovalue::Value(c).resolve(volume, None).map(|c| c.value)).collect::<Result<_, _>>()?;
-    let job = Job {
-        volume,
-        label: VOLUME_NAME,
-        layout,
-        settings,
-        isovalues: Some(isovalues),
-        memory_limit: None,
-    };
+    let isovalues: Vec<f64> = ISOVALUES
+        .iter()
+        .map(|&c| Isovalue::Value(c).resolve(volume, None).map(|c| c.value))
+        .collect::<Result<_, _>>()?;
+    let job = Job { volume, label: VOLUME_NAME, layout, settings, isovalues: Some(isovalues), memory_limit: None };
     let (_, report) = fill(&job, store, console)?;
     let bytes = size_on_disk(store);
     Ok((report.lines(bytes), report.json(bytes), start.elapsed().as_secs_f64()))

@@ -6,7 +6,7 @@ use super::output::check_file;
 use super::{Failure, Outcome, text};
 use crate::error::{Error, Result};
 use crate::export::atomic;
-use crate::probe::{Layout, LatLong, Orientation, Probe, Report, report};
+use crate::probe::{LatLong, Layout, Orientation, Probe, Report, report};
 use clap::Subcommand;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -92,9 +92,7 @@ impl Env {
             Action::Project { source, bands, output } => {
                 project(&source.open()?, usize::from(*bands), output.as_deref(), console)
             }
-            Action::Rotate { source, env_rotate, output } => {
-                rotate(&source.open()?, *env_rotate, output, console)
-            }
+            Action::Rotate { source, env_rotate, output } => rotate(&source.open()?, *env_rotate, output, console),
             Action::Check { source } => check(&source.open()?, console),
         }
     }
@@ -109,22 +107,32 @@ fn show(probe: &Probe, bands: usize, console: &Console) -> Outcome {
         vec!["name".into(), r.name.clone()],
         vec![
             "image".into(),
-            format!("{} {}, {} × {}; light {} × {}", r.format, r.layout, r.stored_size[0], r.stored_size[1], r.width, r.height),
+            format!(
+                "{} {}, {} × {}; light {} × {}",
+                r.format, r.layout, r.stored_size[0], r.stored_size[1], r.width, r.height
+            ),
         ],
         vec![
             "range".into(),
             format!(
                 "{} to {} (r, g, b), {:.1} stops",
-                triple(r.minimum.map(f64::from)), triple(r.maximum.map(f64::from)), r.range_ev
+                triple(r.minimum.map(f64::from)),
+                triple(r.maximum.map(f64::from)),
+                r.range_ev
             ),
         ],
-        vec!["mean".into(), format!("{} over the sphere, luminance {}", triple(r.mean), text::number(r.mean_luminance, 5))],
+        vec![
+            "mean".into(),
+            format!("{} over the sphere, luminance {}", triple(r.mean), text::number(r.mean_luminance, 5)),
+        ],
     ];
     for (name, lobe) in [("brightest", r.brightest_pixel), ("most light", r.lobe)] {
         let text = lobe.map_or("from nowhere in particular".into(), |l| {
             format!(
                 "from azimuth {:.1}°, elevation {:.1}°, luminance {}",
-                l.azimuth_degrees, l.elevation_degrees, text::number(l.luminance, 5)
+                l.azimuth_degrees,
+                l.elevation_degrees,
+                text::number(l.luminance, 5)
             )
         });
         rows.push(vec![name.into(), text]);
@@ -134,7 +142,12 @@ fn show(probe: &Probe, bands: usize, console: &Console) -> Outcome {
     let bad = &r.bad_pixels;
     rows.push(vec![
         "bad pixels".into(),
-        format!("{} NaN, {} infinite, {} negative", text::count(bad.nan), text::count(bad.infinite), text::count(bad.negative)),
+        format!(
+            "{} NaN, {} infinite, {} negative",
+            text::count(bad.nan),
+            text::count(bad.infinite),
+            text::count(bad.negative)
+        ),
     ]);
     for note in &r.notes {
         rows.push(vec!["note".into(), note.text.clone()]);
@@ -203,18 +216,16 @@ fn rotate(probe: &Probe, degrees: f64, output: &Path, console: &Console) -> Outc
         encoder.encode(&pixels, width, height).map_err(|e| Error::io("", "write", std::io::Error::other(e)))
     })?;
     console.print(format!("{}: {width} × {height}, turned by {degrees}°", output.display()));
-    console.print_json(&json!({ "path": output.display().to_string(), "width": width, "height": height, "degrees": degrees }));
+    console.print_json(
+        &json!({ "path": output.display().to_string(), "width": width, "height": height, "degrees": degrees }),
+    );
     Ok(())
 }
 
 /// Fewer stops than this between the brightest pixel and the mean is no high dynamic range.
 const FEWEST_STOPS: f64 = 1.0;
-/// Share of the energy in the first five bands below which the light will ring.
-const LEAST_ENERGY: f64 = 0.5;
-
 fn reasons(r: &Report) -> Vec<String> {
-    let mut reasons: Vec<String> =
-        r.notes.iter().map(|n| format!("{} ({})", n.text, text::count(n.count))).collect();
+    let mut reasons: Vec<String> = r.notes.iter().map(|n| format!("{} ({})", n.text, text::count(n.count))).collect();
     let bad = &r.bad_pixels;
     let impossible = bad.nan + bad.infinite + bad.negative;
     if impossible > 0 && reasons.is_empty() {
@@ -230,13 +241,6 @@ fn reasons(r: &Report) -> Vec<String> {
         if r.layout == "latlong" && r.stored_size[0] != 2 * r.stored_size[1] {
             reasons.push(format!("{} × {} is not 2:1", r.stored_size[0], r.stored_size[1]));
         }
-    }
-    let kept: f64 = r.energy.iter().take(5).map(|e| e.fraction).sum();
-    if r.mean_luminance > 0.0 && kept < LEAST_ENERGY {
-        reasons.push(format!(
-            "only {} of its energy lies in degrees 0 to 4 (a small strong lamp): shadows will be soft and may ring",
-            text::percent(kept)
-        ));
     }
     reasons
 }

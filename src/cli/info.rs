@@ -132,7 +132,15 @@ fn volume_rows(volume: &Volume) -> Vec<Vec<String>> {
     vec![
         row("name", volume.name.clone()),
         row("samples", format!("{} × {} × {} {}{scaling}", d[0], d[1], d[2], volume.samples().type_name())),
-        row("spacing", format!("{} × {} × {} {unit}", text::number(spacing.x, 6), text::number(spacing.y, 6), text::number(spacing.z, 6))),
+        row(
+            "spacing",
+            format!(
+                "{} × {} × {} {unit}",
+                text::number(spacing.x, 6),
+                text::number(spacing.y, 6),
+                text::number(spacing.z, 6)
+            ),
+        ),
         row("world box", format!("{} to {}", point(bounds.min), point(bounds.max))),
         row("orientation", format!("{hand}, {} is up; solid is {}", up_name(volume.up), solid_name(volume.solid))),
     ]

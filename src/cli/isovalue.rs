@@ -66,7 +66,12 @@ impl Isovalue {
             return Err(Error::argument(
                 "isovalue",
                 text::number(value, 8),
-                format!("a value in the range of {}, {} to {}", volume.name, text::number(low, 8), text::number(high, 8)),
+                format!(
+                    "a value in the range of {}, {} to {}",
+                    volume.name,
+                    text::number(low, 8),
+                    text::number(high, 8)
+                ),
                 if low == high { "this volume is constant and has no surface" } else { "use `isolume info` to see it" },
             ));
         }
@@ -102,8 +107,7 @@ fn automatic(volume: &Volume) -> (f64, String) {
     let (low, high) = volume.value_range();
     let quantile = |q: f64| values[((values.len() - 1) as f64 * q).round() as usize];
     let (from, to) = (quantile(TRIMMED), quantile(1.0 - TRIMMED));
-    let (from, to, part) =
-        if from < to { (from, to, "0.5 to 99.5 percentile") } else { (low, high, "whole range") };
+    let (from, to, part) = if from < to { (from, to, "0.5 to 99.5 percentile") } else { (low, high, "whole range") };
     let bins = histogram(&values, from, to, BINS);
     let threshold = from + (to - from) * otsu(&bins) / BINS as f64;
     (threshold, format!("Otsu's threshold of the samples, {part}"))

@@ -63,7 +63,8 @@ pub(super) fn open_probe(argument: &str, keep_negative: bool, layout: Option<Lay
     let known = EMBEDDED.into_iter().chain(SKIES.map(|s| s.split(':').next().unwrap_or(s)));
     match text::nearest(word, known).filter(|_| unknown) {
         Some(near) => {
-            let expected = format!("an image file that exists, or one of {}, {}", EMBEDDED.join(", "), SKIES.join(", "));
+            let expected =
+                format!("an image file that exists, or one of {}, {}", EMBEDDED.join(", "), SKIES.join(", "));
             Err(Error::argument("environment", argument, expected, format!("did you mean {near}?")))
         }
         None => probe::open(argument, &options),
@@ -140,7 +141,9 @@ impl MaterialArgs {
         };
         if albedo[0] != albedo[1] || albedo[1] != albedo[2] {
             let expected = "one number together with --colormap";
-            return Err(Error::argument("--albedo", format!("{albedo:?}"), expected, "it is a factor on the colours").into());
+            return Err(
+                Error::argument("--albedo", format!("{albedo:?}"), expected, "it is a factor on the colours").into()
+            );
         }
         let (name, part) = spec.split_once(':').map_or((spec.as_str(), None), |(n, p)| (n, Some(p)));
         let colormap = match (Colormap::named(name), text::nearest(name, Colormap::names())) {
@@ -154,7 +157,8 @@ impl MaterialArgs {
         let (low, high) = match part {
             None => range,
             Some(part) => {
-                let ends = part.split_once("..").and_then(|(l, h)| Some((l.parse::<f64>().ok()?, h.parse::<f64>().ok()?)));
+                let ends =
+                    part.split_once("..").and_then(|(l, h)| Some((l.parse::<f64>().ok()?, h.parse::<f64>().ok()?)));
                 ends.filter(|(l, h)| l.is_finite() && h.is_finite() && l < h).ok_or_else(|| {
                     let expected = "two rising isovalues such as 0..255";
                     Error::argument("colormap", spec, expected, format!("write {name}:LOW..HIGH"))

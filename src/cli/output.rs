@@ -19,8 +19,15 @@ impl Format {
             Some("glb") => Ok(Self::Glb),
             Some("ply") => Ok(Self::Ply),
             Some("png") => Ok(Self::Png),
-            Some("gltf") => Err(Error::argument("output", path.display(), ".glb, .ply or .png", "write .glb: glTF in one file")),
-            _ => Err(Error::argument("output", path.display(), "a name ending in .glb, .ply or .png", "the ending decides the format")),
+            Some("gltf") => {
+                Err(Error::argument("output", path.display(), ".glb, .ply or .png", "write .glb: glTF in one file"))
+            }
+            _ => Err(Error::argument(
+                "output",
+                path.display(),
+                "a name ending in .glb, .ply or .png",
+                "the ending decides the format",
+            )),
         }
     }
 }
@@ -52,8 +59,11 @@ pub(super) fn targets(output: &Path, name: &str, isovalues: &[f64], environments
     if let Some((part, n)) = needs.iter().find(|(part, n)| *n > 1 && !pattern.contains(part)) {
         let stem = output.with_extension("");
         let suffix = output.extension().map_or("glb".into(), |e| e.to_string_lossy());
-        let remedy = format!("write for example -o \"{}-{{isovalue}}-{{env}}.{suffix}\", or name a directory", stem.display());
-        return Err(Error::argument("output", output.display(), format!("{part} in the name for {n} of them"), remedy).into());
+        let remedy =
+            format!("write for example -o \"{}-{{isovalue}}-{{env}}.{suffix}\", or name a directory", stem.display());
+        return Err(
+            Error::argument("output", output.display(), format!("{part} in the name for {n} of them"), remedy).into()
+        );
     }
     let mut targets = Vec::new();
     for c in isovalues {
@@ -65,16 +75,28 @@ pub(super) fn targets(output: &Path, name: &str, isovalues: &[f64], environments
     }
     if let Some(twice) = (1..targets.len()).find(|&i| targets[..i].iter().any(|t| t.path == targets[i].path)) {
         let path = targets[twice].path.display();
-        return Err(Error::argument("output", path, "different names", "two of the environments or isovalues are the same").into());
+        return Err(Error::argument(
+            "output",
+            path,
+            "different names",
+            "two of the environments or isovalues are the same",
+        )
+        .into());
     }
     if is_folder && !output.exists() {
-        check_folder(&output.join("x").components().as_path().parent().unwrap_or(output).join("")).ok();
-        std::fs::create_dir_all(output).map_err(|e| Error::io(output, "make the directory", e))?;
-    }
-    for target in &targets {
-        check_file(&target.path)?;
+        check_folder(output)?;
+    } else {
+        targets.iter().try_for_each(|t| check_file(&t.path))?;
     }
     Ok(targets)
+}
+
+/// Makes the directory that `-o` names with a slash at its end, if it is not there.
+pub(super) fn make_folder(output: &Path) -> Result<()> {
+    if !output.to_string_lossy().ends_with(['/', '\\']) || output.is_dir() {
+        return Ok(());
+    }
+    std::fs::create_dir(output).map_err(|e| Error::io(output, "make the directory", e))
 }
 
 /// A name as a part of a file name.
@@ -85,7 +107,12 @@ pub(super) fn clean(name: &str) -> String {
 /// Refuses a file that cannot be written, before any work is done for it.
 pub(super) fn check_file(path: &Path) -> Result<()> {
     if path.is_dir() {
-        return Err(Error::argument("output", path.display(), "a file name; this is a directory", "give a file name in it"));
+        return Err(Error::argument(
+            "output",
+            path.display(),
+            "a file name; this is a directory",
+            "give a file name in it",
+        ));
     }
     check_folder(path)
 }
@@ -102,11 +129,7 @@ pub(super) fn check_folder(path: &Path) -> Result<()> {
         ));
     }
     // The only sure test of permission is to write.
-    tempfile::Builder::new()
-        .prefix(".isolume-")
-        .tempfile_in(folder)
-        .map(drop)
-        .map_err(|e| Error::io(path, "write", e))
+    tempfile::Builder::new().prefix(".isolume-").tempfile_in(folder).map(drop).map_err(|e| Error::io(path, "write", e))
 }
 
 #[cfg(test)]

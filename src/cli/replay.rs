@@ -6,7 +6,7 @@ use crate::error::Error;
 use crate::level::{LevelField, Pyramid, Site};
 use crate::transfer::{BRICK, Layout, Selection};
 use crate::transport::{Bake, ReplayedPath, Settings, bake_brick, replay};
-use crate::volume::{Volume, with_samples};
+use crate::volume::Volume;
 use serde_json::json;
 
 pub(super) fn parse_texel(text: &str) -> Result<[usize; 3], String> {
@@ -41,14 +41,16 @@ pub(super) fn run(
         site.map(|site| (site, replay(&field, &site, item as u64, settings)))
     });
     let Some((site, paths)) = found else {
-        console.print(format!("texel {texel:?} has no level set: its neighbourhood is constant or its gradient vanishes"));
+        console
+            .print(format!("texel {texel:?} has no level set: its neighbourhood is constant or its gradient vanishes"));
         console.print_json(&json!({ "texel": texel, "valid": false }));
         return Ok(());
     };
     let inner = texel.map(|t| t % BRICK);
     let inner = inner[0] + BRICK * (inner[1] + BRICK * inner[2]);
     let (coefficients, errors) = (layout.layers.coefficients(), layout.layers.errors());
-    let transfer: Vec<f32> = output.brick.transfer[inner * coefficients..][..coefficients].iter().map(|v| v.to_f32()).collect();
+    let transfer: Vec<f32> =
+        output.brick.transfer[inner * coefficients..][..coefficients].iter().map(|v| v.to_f32()).collect();
     let stderr: Vec<f32> = output.brick.stderr[inner * errors..][..errors].iter().map(|v| v.to_f32()).collect();
     let isovalue = volume.value_from_raw(f64::from(site.isovalue));
     if console.is_json() {
@@ -73,13 +75,22 @@ pub(super) fn run(
             path.vertices_in_grid.iter().map(|v| format!("({:.3} {:.3} {:.3})", v[0], v[1], v[2])).collect();
         console.print(format!(
             "{:>9} {:>4}  {:<8}  {:>8.4} {:>8.4} {:>8.4}  {}",
-            path.replicate, path.path, path.ended, d[0], d[1], d[2], vertices.join(" → ")
+            path.replicate,
+            path.path,
+            path.ended,
+            d[0],
+            d[1],
+            d[2],
+            vertices.join(" → ")
         ));
     }
     let ended = |how: &str| paths.iter().filter(|p| p.ended == how).count();
     console.print(format!(
         "{} paths: {} escaped, {} trapped, {} lost",
-        paths.len(), ended("escaped"), ended("trapped"), ended("lost")
+        paths.len(),
+        ended("escaped"),
+        ended("trapped"),
+        ended("lost")
     ));
     for k in 0..layout.layers.len() {
         let bands = layout.layers.bands()[k];

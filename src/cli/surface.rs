@@ -8,7 +8,7 @@ use crate::relight::texels_of_isosurface;
 use crate::render::{Camera, Projection, View};
 use crate::surface::{Mesh, extract_with_normals};
 use crate::transfer::Lattice;
-use crate::volume::{LengthUnit, Sample, Volume, with_samples};
+use crate::volume::{LengthUnit, Sample, Volume};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
@@ -30,7 +30,8 @@ impl Surface {
     /// Extracts the isosurface. Normals are those of the tracer; where they vanish, those of the facets.
     pub(super) fn new(volume: &Volume, pyramid: &Pyramid, lattice: Lattice, isovalue: f64) -> Result<Self> {
         let start = Instant::now();
-        let mesh = with_samples!(volume.samples(), s => extract(volume, &LevelField::new(volume, s, pyramid), isovalue))?;
+        let mesh =
+            with_samples!(volume.samples(), s => extract(volume, &LevelField::new(volume, s, pyramid), isovalue))?;
         let centre = volume.world_bounds().centre();
         let world_from_grid = volume.world_from_grid();
         let place = |p: &[f32; 3]| (world_from_grid.point(DVec3::from_array(p.map(f64::from))) - centre).as_vec3();

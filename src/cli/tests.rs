@@ -11,7 +11,10 @@ fn the_command_line_is_well_formed() {
 #[test]
 fn numbers_are_short_and_exact_enough() {
     let shown = |v: f64| text::number(v, 6);
-    assert_eq!([0.0, 90.0, 160.5, -0.6, 1e-9, 123456789.0].map(shown), ["0", "90", "160.5", "-0.6", "1.00000e-9", "123456789"]);
+    assert_eq!(
+        [0.0, 90.0, 160.5, -0.6, 1e-9, 123456789.0].map(shown),
+        ["0", "90", "160.5", "-0.6", "1.00000e-9", "123456789"]
+    );
     assert_eq!(text::count(1234567), "1,234,567");
     assert_eq!(text::bytes(2.5e9), "2.50 GB");
 }

@@ -97,7 +97,15 @@ impl Camera {
             }
         };
         let DMat3 { x_axis: right, y_axis: up, z_axis: backward } = world_from_view;
-        Self { centre: world_from_view * seen.centre(), right, up, backward, half_height, distance, reach: 2.0 * half.length() }
+        Self {
+            centre: world_from_view * seen.centre(),
+            right,
+            up,
+            backward,
+            half_height,
+            distance,
+            reach: 2.0 * half.length(),
+        }
     }
 
     /// Origin and direction in world space of the ray through a point of the picture: `x`, `y` in [−1, 1]

@@ -31,9 +31,9 @@ struct Rules<'a> {
 fn way_out(dims: [usize; 3], from: DVec3, direction: Vec3) -> DVec3 {
     let parallel = direction.abs().cmplt(Vec3::splat(4.0 * f32::MIN_POSITIVE));
     let d = Vec3::select(parallel, Vec3::ZERO, direction).as_dvec3();
-    let t = (0..3).filter(|&a| d[a] != 0.0).fold(f64::INFINITY, |t, a| {
-        t.min(((if d[a] > 0.0 { (dims[a] - 1) as f64 } else { 0.0 }) - from[a]) / d[a])
-    });
+    let t = (0..3)
+        .filter(|&a| d[a] != 0.0)
+        .fold(f64::INFINITY, |t, a| t.min(((if d[a] > 0.0 { (dims[a] - 1) as f64 } else { 0.0 }) - from[a]) / d[a]));
     from + d * t
 }
 
@@ -251,4 +251,3 @@ fn every_outward_ray_of_a_convex_sphere_escapes() {
         }
     }
 }
-

@@ -154,7 +154,8 @@ fn any_start<T: Sample>(field: &LevelField<'_, T>, seed: u64, item: u64) -> (Sta
         return (Start::on(point), value);
     }
     let (low, high) = field.corners(point.cell);
-    let other = low.into_iter().chain(high).fold(value, |m, v| if uniform(seed, item, 10) < 0.5 { m.max(v) } else { m.min(v) });
+    let other =
+        low.into_iter().chain(high).fold(value, |m, v| if uniform(seed, item, 10) < 0.5 { m.max(v) } else { m.min(v) });
     let t = uniform(seed, item, 11) as f32;
     (Start::beside(point), value + (other - value) * t)
 }

@@ -191,7 +191,8 @@ impl Profile {
     /// the other kind at `from`; refined by bisection.
     pub(super) fn change(&self, from: f64, rise: bool) -> Option<f64> {
         let after = self.looks.iter().position(|l| l.t >= from && (l.f > 1e-6 * l.slack) == rise)?;
-        let (mut low, mut high) = (from.max(if after > 0 { self.looks[after - 1].t } else { 0.0 }), self.looks[after].t);
+        let (mut low, mut high) =
+            (from.max(if after > 0 { self.looks[after - 1].t } else { 0.0 }), self.looks[after].t);
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
             if (self.at(middle).0 > 0.0) == rise { high = middle } else { low = middle }

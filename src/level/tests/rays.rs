@@ -21,7 +21,12 @@ pub(super) struct Verdicts {
 }
 
 /// Judges one outcome; the message of a wrong one.
-pub(super) fn judge(profile: &Profile, on_surface: bool, outcome: Outcome, verdicts: &mut Verdicts) -> Result<(), String> {
+pub(super) fn judge(
+    profile: &Profile,
+    on_surface: bool,
+    outcome: Outcome,
+    verdicts: &mut Verdicts,
+) -> Result<(), String> {
     let Some(first) = profile.looks.iter().find(|l| l.t > 0.0) else {
         // On the border and outward: no way to go, but a start beside the surface may be solid.
         let legal = outcome == Outcome::Escaped || (outcome == Outcome::Lost && !on_surface);

@@ -34,7 +34,6 @@ fn scaling_by_powers_of_two_changes_no_bit_and_flipping_the_side_neither() {
     }
 }
 
-
 /// Traces `rays` rays from any start and judges each by the twin; world directions through the
 /// volume's affine.
 fn judge_all(name: &str, volume: &Volume, seed: u64, rays: u64, isovalue: impl Fn(u64) -> Option<f32>) {
