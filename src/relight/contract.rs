@@ -14,7 +14,7 @@ pub struct Contracted {
     slots: Vec<u32>,
     // Per slot 512 × (red, green, blue, weight); weight 1 for valid texels, 0 for others, −1 for texels
     // that were never baked.
-    radiance: Vec<[f32; 4]>,
+    pub(super) radiance: Vec<[f32; 4]>,
     /// Noise of the bake as it shows under this light and material, over the valid texels contracted.
     pub noise: Noise,
     /// Largest S_∞ left out by emission at albedo 1, see [`Tail::emission`]; 0 otherwise.
@@ -43,7 +43,7 @@ impl Noise {
 const NO_BRICK: u32 = u32::MAX;
 
 /// The weights of one contraction.
-struct Weights {
+pub(super) struct Weights {
     // Per coefficient: ρ^(k+1) L_i for the three channels; zero where the light has no such band.
     rows: Vec<Vec4>,
     // First coefficient of the last layer.
@@ -57,19 +57,18 @@ struct Weights {
 }
 
 impl Weights {
-    fn new(layers: &Layers, light: &Light, material: &Material) -> Self {
-        let used = light.used_bands();
+    pub(super) fn new(layers: &Layers, light: &Light, material: &Material) -> Self {
         let mut rows = vec![Vec4::ZERO; layers.coefficients()];
         let mut variance = vec![0.0; layers.errors()];
         let mut spans = Vec::new();
         let mut power = material.albedo.map(f64::from);
         for (k, &bands) in layers.bands().iter().enumerate() {
-            let reached = bands.min(used);
+            let reached = bands.min(light.used_bands(k));
             spans.push((layers.offset(k), reached * reached));
             for l in 0..reached {
                 let mut energy = 0.0;
                 for i in l * l..(l + 1) * (l + 1) {
-                    let w: [f64; 3] = std::array::from_fn(|c| power[c] * light.coefficients()[i][c]);
+                    let w: [f64; 3] = std::array::from_fn(|c| power[c] * light.coefficients(k)[i][c]);
                     rows[layers.offset(k) + i] = Vec4::new(w[0] as f32, w[1] as f32, w[2] as f32, 0.0);
                     // Variance of the mean of the channels: they share the transfer's noise.
                     energy += ((w[0] + w[1] + w[2]) / 3.0).powi(2);
@@ -86,7 +85,7 @@ impl Weights {
 
     /// Radiance of one texel, and the emission left out.
     #[inline]
-    fn texel(&self, transfer: &[f32], layers: &Layers) -> (Vec4, f32) {
+    pub(super) fn texel(&self, transfer: &[f32], layers: &Layers) -> (Vec4, f32) {
         let mut sum = Vec4::ZERO;
         let mut last = Vec4::ZERO;
         for &(offset, count) in &self.spans {

@@ -12,6 +12,24 @@ pub struct VertexRadiance {
     pub report: LookupReport,
 }
 
+impl VertexRadiance {
+    /// Adds the direct light of a sun that was split off the environment: ρ/π · flux · lit, where `lit` is
+    /// the mean over the sun's disk of visibility times clamped cosine at each position, and `flux` the sun's
+    /// radiance times solid angle.
+    ///
+    /// # Panics
+    /// When there are not as many `lit` as positions.
+    pub fn add_sun(&mut self, lit: &[f32], flux: [f64; 3], material: &Material) {
+        assert_eq!(lit.len(), self.radiance.len());
+        let factor = material.sun_factor(flux);
+        for (radiance, lit) in self.radiance.iter_mut().zip(lit) {
+            for c in 0..3 {
+                radiance[c] += factor[c] * lit;
+            }
+        }
+    }
+}
+
 /// How many lookups had all they needed, and what the others did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LookupReport {
