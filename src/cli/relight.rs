@@ -6,7 +6,7 @@ use super::input::VolumeArgs;
 use super::isovalue::{Chosen, Isovalue};
 use super::light::{LightArgs, MaterialArgs, open_probe};
 use super::options::TransferArgs;
-use super::output::{Format, Target, clean, targets};
+use super::output::{Format, Target, clean, make_folder, targets};
 use super::picture::{PictureArgs, check_size, develop};
 use super::surface::Surface;
 use super::{Failure, Outcome, info, input, text};
@@ -145,10 +145,15 @@ impl Relight {
         {
             return Err(Error::argument("--scale", scale, "a positive number", "give metres to a world unit").into());
         }
+        // Whatever can be wrong is refused before the bake, which may take minutes.
+        self.material.rule((0.0, 1.0))?;
         let probes = self.open_probes(console)?;
-        let (store, transport_rays, volume, chosen, read_time) =
-            if info::is_store(&self.input) { self.open_store()? } else { self.bake_volume(seed, console)? };
         let environments: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
+        let (store, transport_rays, volume, chosen, read_time) = if info::is_store(&self.input) {
+            self.open_store()?
+        } else {
+            self.bake_volume(&environments, seed, console)?
+        };
         let isovalues: Vec<f64> = chosen.iter().map(|c| c.value).collect();
         let files = targets(&self.output, &volume.name, &isovalues, &environments)?;
         if files.iter().any(|f| f.format == Format::Png) {
@@ -171,6 +176,7 @@ impl Relight {
             up: self.volume.up.unwrap_or(volume.up),
             bake_hint: self.input.clone(),
         };
+        make_folder(&self.output)?;
         let mut surfaces = Vec::new();
         let mut written = Vec::new();
         let mut files = files.into_iter();
@@ -223,7 +229,12 @@ impl Relight {
     }
 
     #[allow(clippy::type_complexity)]
-    fn bake_volume(&self, seed: u64, console: &Console) -> Outcome<(Store, u64, Volume, Vec<Chosen>, Duration)> {
+    fn bake_volume(
+        &self,
+        environments: &[String],
+        seed: u64,
+        console: &Console,
+    ) -> Outcome<(Store, u64, Volume, Vec<Chosen>, Duration)> {
         let start = Instant::now();
         let opened = input::open(&self.input, &self.volume)?;
         for note in &opened.volume.notes {
@@ -231,10 +242,8 @@ impl Relight {
         }
         let resolve = |i: &Isovalue| i.resolve(&opened.volume, opened.default_isovalue);
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
-        // The outputs are checked before the bake, too: it may take minutes.
-        let environments: Vec<String> = self.env.iter().enumerate().map(|(i, _)| i.to_string()).collect();
         let isovalues: Vec<f64> = chosen.iter().map(|c| c.value).collect();
-        targets(&self.output, &opened.volume.name, &isovalues, &environments)?;
+        targets(&self.output, &opened.volume.name, &isovalues, environments)?;
         let layout = self.transfer.layout(&opened.volume, &[5])?;
         let settings = self.transfer.settings(&layout, seed);
         let memory_limit = self.transfer.memory_limit;

@@ -8,7 +8,7 @@ use crate::relight::texels_of_isosurface;
 use crate::render::{Camera, Projection, View};
 use crate::surface::{Mesh, extract_with_normals};
 use crate::transfer::Lattice;
-use crate::volume::{LengthUnit, Sample, Volume, with_samples};
+use crate::volume::{LengthUnit, Sample, Volume};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
