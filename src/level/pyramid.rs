@@ -47,7 +47,7 @@ impl Pyramid {
         // Rows of samples belong to one or two blocks in y and z (shared faces belong to both).
         let owners = |i: usize, n: usize| {
             let last = (i / side).min(n - 1);
-            let first = if i > 0 && i % side == 0 { (i / side - 1).min(n - 1) } else { last };
+            let first = if i > 0 && i.is_multiple_of(side) { (i / side - 1).min(n - 1) } else { last };
             first..=last
         };
         let mut row_max = vec![0.0f32; blocks[0]];
