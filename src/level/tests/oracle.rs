@@ -108,9 +108,7 @@ impl Twin {
     /// f along a ray.
     pub(super) fn profile(&self, c: f32, start: &Start, direction: Vec3) -> Profile {
         let origin = start.at.cell.as_dvec3() + start.at.local.as_dvec3();
-        // Components that f32 cannot invert count as 0, as [`LevelField::trace`] says.
-        let parallel = direction.abs().cmplt(Vec3::splat(4.0 * f32::MIN_POSITIVE));
-        let direction = Vec3::select(parallel, Vec3::ZERO, direction).as_dvec3().normalize();
+        let direction = as_traced(direction).as_dvec3().normalize();
         let (mut crossings, mut end) = (vec![0.0], f64::INFINITY);
         for a in 0..3 {
             let last = (self.dims[a] - 1) as f64;
@@ -191,7 +189,8 @@ impl Profile {
     /// the other kind at `from`; refined by bisection.
     pub(super) fn change(&self, from: f64, rise: bool) -> Option<f64> {
         let after = self.looks.iter().position(|l| l.t >= from && (l.f > 1e-6 * l.slack) == rise)?;
-        let (mut low, mut high) = (from.max(if after > 0 { self.looks[after - 1].t } else { 0.0 }), self.looks[after].t);
+        let (mut low, mut high) =
+            (from.max(if after > 0 { self.looks[after - 1].t } else { 0.0 }), self.looks[after].t);
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
             if (self.at(middle).0 > 0.0) == rise { high = middle } else { low = middle }

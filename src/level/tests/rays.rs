@@ -21,7 +21,12 @@ pub(super) struct Verdicts {
 }
 
 /// Judges one outcome; the message of a wrong one.
-pub(super) fn judge(profile: &Profile, on_surface: bool, outcome: Outcome, verdicts: &mut Verdicts) -> Result<(), String> {
+pub(super) fn judge(
+    profile: &Profile,
+    on_surface: bool,
+    outcome: Outcome,
+    verdicts: &mut Verdicts,
+) -> Result<(), String> {
     let Some(first) = profile.looks.iter().find(|l| l.t > 0.0) else {
         // On the border and outward: no way to go, but a start beside the surface may be solid.
         let legal = outcome == Outcome::Escaped || (outcome == Outcome::Lost && !on_surface);
@@ -32,13 +37,13 @@ pub(super) fn judge(profile: &Profile, on_surface: bool, outcome: Outcome, verdi
     let inside = told.f > 0.0;
     if outcome == Outcome::Lost {
         // In the solid for more cells than a ray may be, or to the border.
-        let last = profile.looks.iter().filter(|l| l.exits <= MAX_BURIED_CELLS).last().unwrap().t;
+        let last = profile.looks.iter().rfind(|l| l.exits <= MAX_BURIED_CELLS).unwrap().t;
         let depth = profile.lowest(0.0, last.min(profile.end()));
         verdicts.exact += u64::from(depth >= 0.0);
         verdicts.grazing += u64::from(depth < 0.0);
         // The last cell may be shorter than rounding, so that the tracer and the twin count
         // differently: one cell less.
-        let earlier = profile.looks.iter().filter(|l| l.exits < MAX_BURIED_CELLS).last().unwrap().t;
+        let earlier = profile.looks.iter().rfind(|l| l.exits < MAX_BURIED_CELLS).unwrap().t;
         let depth = profile.lowest(0.0, earlier.min(profile.end()));
         return if depth >= -1.0 { Ok(()) } else { Err(format!("lost, but out by {depth} slacks")) };
     }
