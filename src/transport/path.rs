@@ -128,7 +128,8 @@ fn trace_replicate<T: Sample>(
         scratch.blocked.clear();
         let mut kept = 0;
         for i in 0..scratch.alive.len() {
-            let alive = scratch.alive[i];
+            let mut alive = scratch.alive[i];
+            alive.path = renumbered(k, i, alive.path);
             let local = warp::square_to_cosine_hemisphere(sequence.point(alive.path));
             let frame = if k == 0 { frame } else { Frame::around(alive.normal) };
             let direction = frame.from_local(local);
@@ -166,6 +167,17 @@ fn trace_replicate<T: Sample>(
     }
     out.trapped += scratch.alive.len() as u32;
     visible
+}
+
+/// The number by which path `i` of those alive takes its points at bounce `k`.
+///
+/// Two bounces share one four-dimensional sequence, so the second uses the number of the first. The
+/// next sequence is independent of what happened so far, and whichever of its points a path takes
+/// is uniform: the paths that are left take the first ones, which are stratified, where those at
+/// their old numbers would be a random subset.
+#[inline(always)]
+fn renumbered(k: usize, i: usize, path: u32) -> u32 {
+    if k.is_multiple_of(2) { i as u32 } else { path }
 }
 
 /// Where a path goes on after a hit; `None` when it is lost.
@@ -277,35 +289,41 @@ pub struct ReplayedPath {
 pub fn replay<T: Sample>(field: &LevelField<'_, T>, site: &Site, item: u64, settings: &Settings) -> Vec<ReplayedPath> {
     let points = settings.points();
     let mut counts = Counts::default();
-    let mut all = Vec::new();
+    let mut all = Vec::with_capacity(REPLICATES * points);
     for replicate in 0..REPLICATES {
         let sampler = PathSampler::new(settings.seed, item, replicate as u32);
-        for path in 0..points {
-            let (mut start, mut normal) = (site.start, site.normal);
-            let mut record = ReplayedPath {
-                replicate,
-                path: path as u32,
-                vertices_in_grid: vec![start.at.in_grid().to_array()],
-                last_direction_in_world: [0.0; 3],
-                ended: "trapped",
-            };
-            for k in 0..settings.layers.len() {
-                let variates = sampler.pair(path as u32, k as u32);
-                let direction = Frame::around(normal).from_local(warp::square_to_cosine_hemisphere(variates));
-                record.last_direction_in_world = direction.to_array();
-                let outcome = field.trace(site.isovalue, &start, field.direction_in_grid(direction), &mut counts);
-                if outcome == Outcome::Escaped {
-                    record.ended = "escaped";
-                    break;
+        let first_record = all.len();
+        all.extend((0..points as u32).map(|path| ReplayedPath {
+            replicate,
+            path,
+            vertices_in_grid: vec![site.start.at.in_grid().to_array()],
+            last_direction_in_world: [0.0; 3],
+            ended: "trapped",
+        }));
+        // Each with its record; bounce by bounce, as the numbers of later points depend on who is left.
+        let first = Alive { path: 0, start: site.start, normal: site.normal };
+        let mut alive: Vec<(usize, Alive)> =
+            (0..points).map(|path| (first_record + path, Alive { path: path as u32, ..first })).collect();
+        for k in 0..settings.layers.len() {
+            let mut left = Vec::new();
+            for (i, &(record, before)) in alive.iter().enumerate() {
+                let path = renumbered(k, i, before.path);
+                let local = warp::square_to_cosine_hemisphere(sampler.pair(path, k as u32));
+                let direction = Frame::around(before.normal).from_local(local);
+                let record_of = &mut all[record];
+                record_of.last_direction_in_world = direction.to_array();
+                let in_grid = field.direction_in_grid(direction);
+                let outcome = field.trace(site.isovalue, &before.start, in_grid, &mut counts);
+                match continuation(field, outcome) {
+                    Some((at, normal)) => {
+                        record_of.vertices_in_grid.push(at.in_grid().to_array());
+                        left.push((record, Alive { path, start: Start::on(at), normal }));
+                    }
+                    None if outcome == Outcome::Escaped => record_of.ended = "escaped",
+                    None => record_of.ended = "lost",
                 }
-                let Some((at, next)) = continuation(field, outcome) else {
-                    record.ended = "lost";
-                    break;
-                };
-                record.vertices_in_grid.push(at.in_grid().to_array());
-                (start, normal) = (Start::on(at), next);
             }
-            all.push(record);
+            alive = left;
         }
     }
     all
