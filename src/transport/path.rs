@@ -3,7 +3,13 @@
 //! A path leaves the texel along a cosine-distributed direction and, at each hit, along a new one.
 //! Its throughput without albedo is 1 throughout, so a path that escapes along ω after k bounces adds
 //! Y(ω) to layer k and nothing to any other: one path serves all layers. Paths that are still
-//! inside after the last layer, and paths lost in the solid, add nothing.
+//! inside after the last layer add nothing.
+//!
+//! A ray that starts into the solid and does not come out ([`Outcome::Lost`]) is one that the
+//! smoothed normal allows and the facet forbids: it meets the surface where it starts. So it counts
+//! as a hit of distance 0, and the path goes on from the same place. Taking such rays as black
+//! instead loses energy at every bounce: on 8-bit and noisy hemispheres the ambient error is then
+//! 1.2 times larger and its bias 1.3 to 1.6 times (`tests/transport_quantised.rs`).
 //!
 //! Layer 0 has a control variate: the clamped cosine of the unoccluded texel is known, so
 //! T_0 = E[V Y] − β (E[Y] − A) for any β that is independent of the samples. Per sample the
@@ -12,7 +18,7 @@
 
 use super::REPLICATES;
 use crate::geom::{Frame, Normal};
-use crate::level::{CellPoint, Counts, LevelField, Outcome, Site, Start};
+use crate::level::{Counts, LevelField, Outcome, Site, Start};
 use crate::sampling::{PathSampler, warp};
 use crate::sh;
 use crate::transfer::Layers;
@@ -51,7 +57,7 @@ pub struct TexelEstimate {
     pub escape_stderr: f32,
     /// Whether all replicates gave the same a_0; then `stderr` holds the floor of 3/N there.
     pub degenerate: bool,
-    /// Paths that ended inside the solid.
+    /// Rays that started into the solid and did not come out, and hits without a normal.
     pub lost: u32,
     /// Paths still travelling after the last stored layer.
     pub trapped: u32,
@@ -142,12 +148,11 @@ fn trace_replicate<T: Sample>(
             if k == 0 {
                 scratch.blocked.push(direction);
             }
-            match continuation(field, outcome) {
-                Some((at, normal)) => {
-                    scratch.alive[kept] = Alive { path: alive.path, start: Start::on(at), normal };
-                    kept += 1;
-                }
-                None => out.lost += 1,
+            let next = continuation(field, &alive, outcome);
+            out.lost += u32::from(outcome == Outcome::Lost || next.is_none());
+            if let Some(next) = next {
+                scratch.alive[kept] = next;
+                kept += 1;
             }
         }
         scratch.alive.truncate(kept);
@@ -180,11 +185,14 @@ fn renumbered(k: usize, i: usize, path: u32) -> u32 {
     if k.is_multiple_of(2) { i as u32 } else { path }
 }
 
-/// Where a path goes on after a hit; `None` when it is lost.
-fn continuation<T: Sample>(field: &LevelField<'_, T>, outcome: Outcome) -> Option<(CellPoint, Normal)> {
+/// Where a path goes on after a ray that did not escape; `None` where the surface has no normal.
+fn continuation<T: Sample>(field: &LevelField<'_, T>, before: &Alive, outcome: Outcome) -> Option<Alive> {
     match outcome {
-        Outcome::Hit(hit) => field.normal(&hit.at).map(|normal| (hit.at, normal)),
-        _ => None,
+        Outcome::Hit(hit) => {
+            field.normal(&hit.at).map(|normal| Alive { path: before.path, start: Start::on(hit.at), normal })
+        }
+        Outcome::Lost => Some(*before),
+        Outcome::Escaped => None,
     }
 }
 
@@ -277,11 +285,11 @@ pub struct ReplayedPath {
     pub replicate: usize,
     /// Point set index.
     pub path: u32,
-    /// Grid positions of the texel and of the hits.
+    /// Grid positions of the texel and of the hits; one is repeated where a ray was lost.
     pub vertices_in_grid: Vec<[f32; 3]>,
     /// World direction of the last ray.
     pub last_direction_in_world: [f32; 3],
-    /// "escaped", "lost" or "trapped".
+    /// "escaped", "trapped" (after the last stored layer), or "lost" (at a hit without a normal).
     pub ended: &'static str,
 }
 
@@ -314,10 +322,10 @@ pub fn replay<T: Sample>(field: &LevelField<'_, T>, site: &Site, item: u64, sett
                 record_of.last_direction_in_world = direction.to_array();
                 let in_grid = field.direction_in_grid(direction);
                 let outcome = field.trace(site.isovalue, &before.start, in_grid, &mut counts);
-                match continuation(field, outcome) {
-                    Some((at, normal)) => {
-                        record_of.vertices_in_grid.push(at.in_grid().to_array());
-                        left.push((record, Alive { path, start: Start::on(at), normal }));
+                match continuation(field, &Alive { path, ..before }, outcome) {
+                    Some(next) => {
+                        record_of.vertices_in_grid.push(next.start.at.in_grid().to_array());
+                        left.push((record, next));
                     }
                     None if outcome == Outcome::Escaped => record_of.ended = "escaped",
                     None => record_of.ended = "lost",
