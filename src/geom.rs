@@ -11,7 +11,7 @@
 //! (`world_from_grid`), so that in a product of maps the inner names meet.
 //!
 //! A gradient is a covector: it transforms by the inverse transpose
-//! ([`Affine::normal_from_gradient`]).
+//! ([`Affine::gradient_matrix`]).
 
 use glam::{DMat3, DVec3, Mat3, Vec3};
 

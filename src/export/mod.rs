@@ -12,7 +12,7 @@
 //!
 //! # Colour
 //! Colours are linear Rec.709 everywhere until the last step. glTF `COLOR_0` *is* linear; PLY and
-//! PNG are 8-bit sRGB through the one transfer function of [`srgb`].
+//! PNG are 8-bit sRGB through the one transfer function of [`crate::scene::srgb`].
 //!
 //! # Place and size in glTF
 //! glTF is Y-up, right-handed, in metres. `POSITION` = world − centre of
@@ -28,7 +28,6 @@ pub mod image;
 pub mod ply;
 pub mod png;
 pub mod sheet;
-pub mod srgb;
 
 pub use image::Image;
 

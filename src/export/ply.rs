@@ -5,8 +5,9 @@
 //! Positions are `float` where that keeps them within 1e-6 of the longest side, else `double`
 //! (a surface far from the origin).
 
-use super::{ExportMesh, StandardError, srgb, write_error, write_records};
+use super::{ExportMesh, StandardError, write_error, write_records};
 use crate::error::{Error, Result};
+use crate::scene::srgb;
 use serde_json::Value;
 use std::io::Write;
 

@@ -1,8 +1,9 @@
 //! 8-bit sRGB PNG from linear light (W3C PNG, third edition). The `sRGB` chunk is set, with
 //! relative colorimetric intent: the numbers are colours, not a photograph to be adapted.
 
-use super::{Image, srgb, write_error};
+use super::{Image, write_error};
 use crate::error::{Error, Result};
+use crate::scene::srgb;
 use std::io::Write;
 
 /// What to write besides the colours.

@@ -47,11 +47,11 @@ pub struct Hit {
 /// What became of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outcome {
-    /// It reached the border of the box.
+    /// It reached the border of the box on the lit side.
     Escaped,
     /// It met its level set from the lit side.
     Hit(Hit),
-    /// It started inside the solid and did not get out.
+    /// It started inside the solid and did not get out, within [`MAX_BURIED_CELLS`] or before the border.
     Lost,
 }
 
@@ -116,7 +116,7 @@ impl<T: Sample> LevelField<'_, T> {
     /// level set of the raw isovalue `isovalue` to its first hit.
     ///
     /// The start must lie in the box. The result does not depend on the length of `direction`
-    /// beyond rounding.
+    /// beyond rounding; components below 2⁻¹²⁴ count as 0, so one must be larger.
     #[inline]
     pub fn trace(&self, isovalue: f32, start: &Start, direction: Vec3, counts: &mut Counts) -> Outcome {
         counts.rays += 1;
@@ -196,7 +196,8 @@ impl<T: Sample> LevelField<'_, T> {
                     }
                     Passed::On(next) => side = next,
                 }
-                if side == Side::In {
+                // Cells of no length do not count: how many there are depends on the name of a corner.
+                if side == Side::In && left_at > entered_at {
                     buried += 1;
                     if buried > MAX_BURIED_CELLS {
                         return Outcome::Lost;
@@ -207,7 +208,8 @@ impl<T: Sample> LevelField<'_, T> {
             // Step over the plane.
             let next = if march.step[axis] > 0 { plane } else { plane - 1 };
             if next < lowest[axis] || next > highest[axis] {
-                return Outcome::Escaped;
+                // The border is open to light, not to the solid: photons that would enter here are discarded.
+                return if side == Side::In { Outcome::Lost } else { Outcome::Escaped };
             }
             if shift == 0 {
                 cell[axis] = next;

@@ -4,11 +4,11 @@
 //!
 //! * [`latlong`]: the image and its geometry, stated once.
 //! * [`read`]: OpenEXR, Radiance HDR, PNG, JPEG; angular maps and cube crosses to lat-long.
-//! * [`sky`]: environments by formula. [`embedded`]: small real probes inside the program.
+//! * [`sky`]: environments by formula. [`mod@embedded`]: small real probes inside the program.
 //! * [`orientation`]: how the environment stands in the world.
-//! * [`project`], [`into_world`]: coefficients in the order and sign of [`crate::sh`].
+//! * [`fn@project`], [`into_world`]: coefficients in the order and sign of [`crate::sh`].
 //! * [`EnvironmentSource`]: importance sampling.
-//! * [`report`]: the figures behind `env show`.
+//! * [`fn@report`]: the figures behind `env show`.
 //!
 //! # Frame
 //! The environment lives in the Y-up frame of glTF, the *probe frame*. [`Orientation`] is the

@@ -41,7 +41,10 @@ pub fn into_world(in_probe: &[Coefficients; 3], orientation: Orientation) -> [Co
 }
 
 fn rotation(bands: usize, matrix: DMat3) -> Rotation {
-    Rotation::new(bands, &matrix).expect("orientations are rotations and the bands were checked")
+    match Rotation::new(bands, &matrix) {
+        Ok(rotation) => rotation,
+        Err(e) => unreachable!("orientations are rotations and the bands were checked: {e}"),
+    }
 }
 
 /// (x, y, z) → (z, x, y): the pole y becomes z, longitude from +z towards +x becomes the

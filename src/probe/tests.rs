@@ -270,6 +270,18 @@ fn black_and_single_pixel_probes_are_harmless() {
 }
 
 #[test]
+fn opposite_suns_have_no_first_band() {
+    let image =
+        LatLong::from_fn(64, 32, |x, y| if (x, y) == (10, 5) || (x, y) == (42, 26) { [1e6; 3] } else { [0.0; 3] });
+    let probe = Probe::from_image("twins", image);
+    let c = &probe.coefficients(11)[0];
+    for l in [1, 3, 5, 7, 9] {
+        assert!(c.band_energy(l) < 1e-20 * c.energy(), "degree {l}");
+    }
+    assert!(report(&probe, 5).lobe.is_some());
+}
+
+#[test]
 fn skies_have_the_irradiance_they_promise() {
     // The sun: ∫ L (n·ω)⁺ dω = π on a surface that faces it, whatever its place and size; the
     // image carries exactly the energy of the disk (f32 pixels).

@@ -1,6 +1,7 @@
 //! Materials as functions of the isovalue. If albedo depends on the isovalue alone, every level set has one
 //! albedo, and relighting and recolouring need no new transport (see [`crate::transport`]).
 
+use super::srgb::linear_from_srgb;
 use crate::error::{Error, Result};
 
 /// A named colour scale.
@@ -51,11 +52,6 @@ impl Colormap {
         let colour = self.gradient.eval_continuous(t.clamp(0.0, 1.0));
         [colour.r, colour.g, colour.b].map(|v| linear_from_srgb(f64::from(v) / 255.0) as f32)
     }
-}
-
-/// The inverse of the sRGB transfer function (IEC 61966-2-1).
-fn linear_from_srgb(v: f64) -> f64 {
-    if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }
 }
 
 /// Albedo as a function of the isovalue.

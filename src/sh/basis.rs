@@ -155,7 +155,7 @@ macro_rules! with_bands {
             9 => $function::<9>($($argument),*),
             10 => $function::<10>($($argument),*),
             11 => $function::<11>($($argument),*),
-            other => panic!("{other} bands; the basis has 1 to {MAX_BANDS}"),
+            other => unreachable!("{other} bands; the basis has 1 to {MAX_BANDS}"),
         }
     };
 }

@@ -1,6 +1,7 @@
 //! A set of texels, and the bricks and chunks that hold them.
 
 use super::{BRICK, CHUNK, Lattice};
+use crate::volume::{Sample, Volume, with_samples};
 
 /// A set of texels of a lattice: which of them to bake.
 #[derive(Clone, Debug)]
@@ -27,6 +28,36 @@ impl Selection {
         {
             *last = (1 << (count % 64)) - 1;
         }
+        selection
+    }
+
+    /// The texels that lookups on any isosurface read: those of all cells whose corners differ. A cell
+    /// with eight equal corners is crossed by no isosurface.
+    pub fn of_all_isosurfaces(lattice: Lattice, volume: &Volume) -> Self {
+        fn scan<T: Sample>(samples: &[T], dims: [usize; 3], mut found: impl FnMut([usize; 3])) {
+            let [nx, ny, nz] = dims;
+            let rows = [0, nx, nx * ny, nx * ny + nx];
+            // Whether the four samples of a cell face across x are the same.
+            let face = |base: usize| {
+                let v = samples[base].raw();
+                rows[1..].iter().all(|o| samples[base + o].raw() == v).then_some(v)
+            };
+            for z in 0..nz.saturating_sub(1) {
+                for y in 0..ny.saturating_sub(1) {
+                    let row = nx * (y + ny * z);
+                    let mut before = face(row);
+                    for x in 0..nx.saturating_sub(1) {
+                        let after = face(row + x + 1);
+                        if before.is_none() || before != after {
+                            found([x, y, z]);
+                        }
+                        before = after;
+                    }
+                }
+            }
+        }
+        let mut selection = Self::empty(lattice);
+        with_samples!(volume.samples(), s => scan(s, volume.dims(), |cell| selection.insert_cell(cell)));
         selection
     }
 

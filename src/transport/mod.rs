@@ -11,15 +11,18 @@
 //! differ in keeping the layers apart and free of albedo).
 
 mod bake;
+mod combine;
 mod path;
+mod replay;
 mod summary;
 
 #[cfg(test)]
 mod tests;
 
 pub use bake::{Bake, BrickOutput, Progress, bake, bake_brick, pilot};
-pub use path::{ReplayedPath, Settings, TexelEstimate, replay};
-pub use summary::Summary;
+pub use path::{Settings, Target, TexelEstimate};
+pub use replay::{ReplayedPath, replay};
+pub use summary::{ErrorHistogram, Summary};
 
 /// Independent scrambles of each texel's points; error bars come from their spread.
 ///

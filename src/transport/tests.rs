@@ -58,7 +58,7 @@ impl Baked {
 }
 
 fn settings(layers: usize, rays: u32) -> Settings {
-    Settings { layers: Layers::uniform(layers, 5).unwrap(), rays, seed: 1, positive: false }
+    Settings { layers: Layers::uniform(layers, 5).unwrap(), rays, seed: 1, positive: false, target: None }
 }
 
 #[test]

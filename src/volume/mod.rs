@@ -306,3 +306,6 @@ impl Volume {
         hasher.finalize().to_hex().to_string()
     }
 }
+
+#[cfg(test)]
+mod tests;

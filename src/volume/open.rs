@@ -58,7 +58,7 @@ fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
             "this is a directory; name the volume file in it",
         ));
     }
-    Ok((file, metadata.is_file().then(|| metadata.len())))
+    Ok((file, metadata.is_file().then_some(metadata.len())))
 }
 
 /// The file's name without `.gz` and without its suffix.

@@ -59,8 +59,9 @@ pub fn read(source: impl Read, hint: &ReadHint) -> Result<Volume> {
     read_with(Source::new(source, hint.length), hint, None)
 }
 
-/// Bytes looked at to decide the format: enough for the magic of NIfTI at 344.
-const LOOK_AHEAD: usize = 1024;
+/// Bytes looked at to decide the format: enough for the magic of NIfTI at 344, an MRC header, and
+/// a cube file's first six lines with long comments.
+const LOOK_AHEAD: usize = 4096;
 
 pub(crate) fn read_with(mut source: Source, hint: &ReadHint, beside: Option<OpenBeside>) -> Result<Volume> {
     let from_read = |e| Error::from_read("volume", "the first bytes of a volume file", e);

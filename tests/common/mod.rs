@@ -69,7 +69,7 @@ pub fn quantised(volume: &Volume, levels: f64, inter: f64) -> Volume {
 }
 
 pub fn settings(bands: &[usize], rays: u32, seed: u64) -> Settings {
-    Settings { layers: Layers::new(bands.to_vec()).unwrap(), rays, seed, positive: false }
+    Settings { layers: Layers::new(bands.to_vec()).unwrap(), rays, seed, positive: false, target: None }
 }
 
 /// Texels baked into memory.
@@ -141,6 +141,12 @@ impl Baked {
     pub fn is_clamped(&self, texel: [usize; 3]) -> bool {
         let (view, t) = self.slot(texel);
         view.validity[t] & validity::CLAMPED != 0
+    }
+
+    /// Paths traced for a texel.
+    pub fn rays(&self, texel: [usize; 3]) -> u32 {
+        let (view, t) = self.slot(texel);
+        view.rays[t]
     }
 
     /// a_k of a texel, the chance to escape after exactly k bounces.

@@ -24,7 +24,8 @@ pub const LAYERS: &[Layer] = &[
     layer("transfer", &["level", "sampling"]),
     // Not files.
     layer("transport", &["transfer::store"]),
-    layer("probe", &["volume", "level", "scene", "transfer", "transport"]),
+    // Of scenes only the encoding of colours.
+    layer("probe", &["volume", "level", "scene::plan", "transfer", "transport"]),
     // Not light, not SH, not transfer.
     layer("surface", &["sh", "sampling", "scene", "transfer", "transport", "probe"]),
     // Not rays, not solvers.
@@ -32,7 +33,7 @@ pub const LAYERS: &[Layer] = &[
     layer("render", &["transport"]),
     layer("compare", &[]),
     layer("study", &[]),
-    // It takes meshes, images and attributes.
+    // It takes meshes, images and attributes; of scenes only the encoding of colours.
     layer(
         "export",
         &[
@@ -40,7 +41,7 @@ pub const LAYERS: &[Layer] = &[
             "sh",
             "volume",
             "level",
-            "scene",
+            "scene::plan",
             "transfer",
             "transport",
             "probe",

@@ -1,21 +1,20 @@
-//! PNG and JPEG: sRGB values of limited range, decoded to linear radiance.
+//! PNG and JPEG: sRGB values of limited range, decoded to linear radiance. Colour profiles and
+//! `gAMA` chunks are ignored, as are the alpha channel and the turn noted by a camera.
 
 use super::{Note, Raw, ReadOptions, check_size, damaged};
 use crate::error::Result;
+use crate::scene::srgb::linear_from_srgb;
 use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::io::Cursor;
-
-/// Linear value of an sRGB-encoded one in [0, 1] (IEC 61966-2-1:1999).
-pub(crate) fn linear_from_srgb(v: f64) -> f64 {
-    if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }
-}
 
 pub(super) fn read(bytes: &[u8], kind: ImageFormat, options: &ReadOptions) -> Result<Raw> {
     let format = if kind == ImageFormat::Png { "PNG" } else { "JPEG" };
     let mut reader = ImageReader::with_format(Cursor::new(bytes), kind);
-    // The size is checked here, in pixels; the decoder's own cap on memory would refuse sizes
-    // that the option allows.
-    reader.limits(Limits::no_limits());
+    // The size is checked below, in pixels; this cap is for what else a decoder may allocate.
+    // Pixels take up to 4 × 16 bits and are copied once.
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some((options.max_pixels as u64).saturating_mul(16).saturating_add(1 << 26));
+    reader.limits(limits);
     let decoder = reader.into_decoder().map_err(|e| damaged(format, e))?;
     let (width, height) = decoder.dimensions();
     check_size(format, u64::from(width), u64::from(height), options)?;

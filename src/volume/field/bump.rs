@@ -17,7 +17,7 @@ const CENTRE: [[f64; 3]; 5] =
     [[0.75, 0.60, 0.5], [0.60, 0.51, 0.5], [0.40, 0.50, 0.5], [0.50, 0.90, 0.5], [0.50, 1.50, 0.5]];
 
 /// The exponent is −‖x − p‖²/(this·σ²) = −(‖x − p‖/2σ)². It is 4, not the 2 of a normal
-/// distribution: only 4 gives the published extremes 0.33781847 and 1.209 (2 gives 0.23166204
+/// distribution: only 4 gives the stated extremes 0.33781847 and 1.209 (2 gives 0.23166204
 /// and 1.18666893), and so values of 0…255. A change needs new extremes, see the tests.
 const SPREAD: f64 = 4.0;
 

@@ -74,10 +74,20 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
     let counts = axes.map(|a| a.0.unsigned_abs());
     // Text: a digit and a separator for each value at least.
     let left = source.at_most().map(|n| n.saturating_add(1) / 2);
-    let all = counts[2].checked_mul(values).unwrap_or(u64::MAX);
+    let all = counts[2].saturating_mul(values);
     let eight = left.map(|n| n.saturating_mul(8));
     let count = checked_count(NAME, [counts[0], counts[1], all], 8, eight, hint)?;
     let mut data = decode::text(&mut source, NAME, Type::F64, count)?;
+    let mut after = Vec::new();
+    if source.token(NAME, &mut after)? && std::str::from_utf8(&after).is_ok_and(|w| decode::fortran_number(w).is_some())
+    {
+        return Err(Error::format(
+            NAME,
+            format!("more numbers after the last of {count} values"),
+            "as many values as the header says",
+            "the numbers of atoms, points or values in the header are wrong: all values would be shifted",
+        ));
+    }
     source.verify_end(NAME)?;
     if values > 1 {
         notes.push(note(format!("{values} values at each point, the first is read"), values as usize));

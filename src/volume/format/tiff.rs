@@ -108,21 +108,18 @@ pub(crate) fn read(source: impl Read + Seek, length: u64, hint: &ReadHint) -> Re
 
 /// Adds a page to the stack; the first decides the type.
 fn append(stack: &mut Option<Data>, page: DecodingResult) -> Result<()> {
+    let page = match page {
+        DecodingResult::F16(v) => DecodingResult::F32(v.iter().map(|s| s.to_f32()).collect()),
+        page => page,
+    };
     macro_rules! join {
         ($($page:ident => $data:ident),*) => {
             match (stack.as_mut(), page) {
                 $((None, DecodingResult::$page(v)) => *stack = Some(Data::$data(v)),
                 (Some(Data::$data(all)), DecodingResult::$page(v)) => all.extend_from_slice(&v),)*
-                (Some(_), _) => {
+                // Not half floats, which are single ones by now.
+                (_, _) => {
                     return Err(Error::format(NAME, "pages of different types", "one type", "convert all pages alike"));
-                }
-                (None, _) => {
-                    return Err(Error::format(
-                        NAME,
-                        "16-bit floating-point pages",
-                        "integers or 32-bit floats",
-                        "convert the stack to 32 bit",
-                    ));
                 }
             }
         };

@@ -3,7 +3,7 @@
 //! written, unit unknown.
 
 use super::super::assemble::{Parts, assemble, note};
-use super::super::decode::{self, Endian, Type, checked_count};
+use super::super::decode::{self, Data, Endian, Type, checked_count};
 use super::super::read::ReadHint;
 use super::super::source::Source;
 use super::super::{LengthUnit, Volume};
@@ -12,6 +12,8 @@ use crate::error::{Error, Result};
 use glam::{DMat3, DVec3};
 
 const NAME: &str = "legacy VTK";
+/// Stands for the samples of COLOR_SCALARS, which have no type name.
+const COLOUR: &str = "colour";
 /// More lines before the samples than any file has.
 const MOST_LINES: usize = 1000;
 
@@ -27,7 +29,10 @@ fn three<T: std::str::FromStr>(line: &str) -> Result<[T; 3]> {
 pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
     source.expect_line(NAME, "the version line")?;
     source.expect_line(NAME, "the title")?;
-    let encoding = source.expect_line(NAME, "ASCII or BINARY")?;
+    let mut encoding = source.expect_line(NAME, "ASCII or BINARY")?;
+    if encoding.trim().is_empty() {
+        encoding = source.expect_line(NAME, "ASCII or BINARY")?; // files of VTK 1 have an empty line here
+    }
     let binary = match encoding.trim().to_ascii_uppercase().as_str() {
         "BINARY" => true,
         "ASCII" => false,
@@ -63,6 +68,15 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
                 type_name = Some(kind);
                 break;
             }
+            // VTK's own writer uses this for unsigned char: bytes, or as text fractions of 255.
+            "COLOR_SCALARS" if points.is_some() => {
+                let components = words.nth(1);
+                if components != Some("1") {
+                    return Err(not_supported(&format!("{} components for each point", components.unwrap_or("no"))));
+                }
+                type_name = Some(COLOUR.to_string());
+                break;
+            }
             _ => return Err(not_supported(keyword)),
         }
     }
@@ -91,6 +105,11 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
     }
     let data = if binary {
         decode::binary(&mut source, NAME, kind, Endian::Big, count)?
+    } else if type_name == COLOUR {
+        let Data::F32(fractions) = decode::text(&mut source, NAME, Type::F32, count)? else {
+            return Err(damaged("COLOR_SCALARS", "numbers")); // not reached: F32 gives F32
+        };
+        Data::U8(fractions.iter().map(|f| (255.0 * f).round() as u8).collect())
     } else {
         decode::text(&mut source, NAME, kind, count)?
     };
@@ -111,7 +130,7 @@ fn not_supported(found: &str) -> Error {
 
 fn sample_type(name: &str) -> Result<Type> {
     Ok(match name {
-        "unsigned_char" | "vtktypeuint8" => Type::U8,
+        "unsigned_char" | "vtktypeuint8" | COLOUR => Type::U8,
         "char" | "signed_char" | "vtktypeint8" => Type::I8,
         "unsigned_short" | "vtktypeuint16" => Type::U16,
         "short" | "vtktypeint16" => Type::I16,
