@@ -24,7 +24,7 @@ fn valid_texels(volume: &Volume, count: usize, stream: u64) -> Vec<[usize; 3]> {
 
 /// A fixed sample of texels that are neither open nor shut: the others have no error to speak of.
 fn shadowed_texels(volume: &Volume, count: usize, stream: u64) -> Vec<[usize; 3]> {
-    let texels = pick(volume.dims(), 30 * count, stream, |_| true);
+    let texels = pick(volume.dims(), 100 * count, stream, |_| true);
     let baked = bake_texels(volume, &settings(&[1], 64, 77), &texels);
     let shadowed = |&t: &[usize; 3]| baked.is_valid(t) && (0.1..0.9).contains(&baked.escape(t, 0));
     texels.into_iter().filter(shadowed).take(count).collect()
@@ -81,9 +81,10 @@ fn scrambled_sobol_points_converge_faster_than_random_ones() {
         let reference = bake_texels(&volume, &settings(&[1], 1 << 15, 999), &texels);
         let mut ladder = Vec::new();
         for rays in [16, 32, 64, 128, 256, 512, 1024] {
-            let baked = bake_texels(&volume, &settings(&[1], rays, u64::from(rays)), &texels);
-            let error = rms(texels.iter().map(|&t| baked.escape(t, 0) - reference.escape(t, 0)));
-            let claimed = rms(texels.iter().map(|&t| baked.escape_error(t, 0)));
+            let bakes = [0, 1, 2].map(|s| bake_texels(&volume, &settings(&[1], rays, u64::from(rays) + s), &texels));
+            let off = |b: &Baked| texels.iter().map(|&t| b.escape(t, 0) - reference.escape(t, 0)).collect::<Vec<_>>();
+            let error = rms(bakes.iter().flat_map(off));
+            let claimed = rms(texels.iter().map(|&t| bakes[0].escape_error(t, 0)));
             println!("{name}, {} texels, {rays} rays: ambient error {error:.5}, claimed {claimed:.5}", texels.len());
             ladder.push((f64::from(rays), error));
         }

@@ -8,7 +8,7 @@ use isolume::level::Pyramid;
 use isolume::sampling::statistics::{Running, sidak};
 use isolume::sh::{self, Coefficients, Rotation};
 use isolume::transfer::{Lattice, Layout, Selection};
-use isolume::transport::{Bake, Settings, bake_brick, replay};
+use isolume::transport::{Bake, Settings, Target, bake_brick, replay};
 use isolume::volume::field::{BumpBox, Gyroid, sample};
 use isolume::volume::{Samples, Volume};
 
@@ -74,6 +74,31 @@ fn a_texel_replayed_alone_is_the_texel_of_the_bake() {
         changed += usize::from(a[1..25] != b[1..25]);
     }
     assert!(changed * 2 > texels.len(), "{changed}");
+}
+
+#[test]
+fn a_texel_that_stops_early_is_the_texel_of_a_bake_with_as_many_rays() {
+    let volume = sample(&Gyroid::default(), [33; 3]).unwrap();
+    let texels = pick([33; 3], 120, 22, |_| true);
+    let mut with_target = settings(&[3, 3, 2, 2, 2], 1024, 3);
+    with_target.target = Some(Target::escape(&with_target.layers, 0.02));
+    let found = bake_texels(&volume, &with_target, &texels);
+    let mut compared = 0;
+    for rays in [64u32, 128, 256, 512] {
+        let stopped: Vec<[usize; 3]> =
+            texels.iter().copied().filter(|&t| found.is_valid(t) && found.rays(t) == rays).collect();
+        let plain = bake_texels(&volume, &settings(&[3, 3, 2, 2, 2], rays, 3), &stopped);
+        for &t in &stopped {
+            // The same paths, doubled in steps: only the order of the f32 sums differs, and where
+            // that changes a rounding to f16, by one unit, 2⁻¹⁰.
+            for (a, b) in found.transfer(t).iter().zip(plain.transfer(t)) {
+                assert!((a - b).abs() <= 2f64.powi(-10) * b.abs() + 3e-6, "{t:?} {rays} rays: {a} {b}");
+            }
+        }
+        compared += stopped.len();
+    }
+    println!("{compared} of {} texels compared", texels.len());
+    assert!(compared > 30, "{compared}");
 }
 
 #[test]

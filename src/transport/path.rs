@@ -3,7 +3,13 @@
 //! A path leaves the texel along a cosine-distributed direction and, at each hit, along a new one.
 //! Its throughput without albedo is 1 throughout, so a path that escapes along ω after k bounces adds
 //! Y(ω) to layer k and nothing to any other: one path serves all layers. Paths that are still
-//! inside after the last layer, and paths lost in the solid, add nothing.
+//! inside after the last layer add nothing.
+//!
+//! A ray that starts into the solid and does not come out ([`Outcome::Lost`]) is one that the
+//! smoothed normal allows and the facet forbids: it meets the surface where it starts. So it counts
+//! as a hit of distance 0, and the path goes on from the same place. Taking such rays as black
+//! instead loses energy at every bounce: on 8-bit and noisy hemispheres the ambient error is then
+//! 1.2 times larger and its bias 1.3 to 1.6 times (`tests/transport_quantised.rs`).
 //!
 //! Layer 0 has a control variate: the clamped cosine of the unoccluded texel is known, so
 //! T_0 = E[V Y] − β (E[Y] − A) for any β that is independent of the samples. Per sample the
@@ -13,10 +19,10 @@
 use super::REPLICATES;
 use super::combine::combine;
 use crate::geom::{Frame, Normal};
-use crate::level::{CellPoint, Counts, LevelField, Outcome, Site, Start};
+use crate::level::{Counts, LevelField, Outcome, Site, Start};
 use crate::sampling::{PathSampler, warp};
 use crate::sh;
-use crate::transfer::Layers;
+use crate::transfer::{Layers, MAX_LAYERS};
 use crate::volume::Sample;
 use glam::Vec3;
 
@@ -84,7 +90,7 @@ pub struct TexelEstimate {
     pub escape_stderr: f32,
     /// Whether all replicates gave the same a_0; then `stderr` holds the floor of 3/N there.
     pub degenerate: bool,
-    /// Paths that ended inside the solid.
+    /// Rays that started into the solid and did not come out, and hits without a normal.
     pub lost: u32,
     /// Paths still travelling after the last stored layer.
     pub trapped: u32,
@@ -106,6 +112,8 @@ pub(super) struct Scratch {
     pub(super) sums: Vec<f32>,
     // Σ Y over the first directions that were blocked, [replicate][coefficient of layer 0].
     pub(super) blocked_sums: Vec<f32>,
+    // How many points of each four-dimensional sequence the paths before have taken.
+    taken: [PointsTaken; REPLICATES],
 }
 
 impl Scratch {
@@ -116,15 +124,38 @@ impl Scratch {
         self.sums.resize(REPLICATES * layers.coefficients(), 0.0);
         self.blocked_sums.clear();
         self.blocked_sums.resize(REPLICATES * layers.bands()[0] * layers.bands()[0], 0.0);
+        self.taken = Default::default();
+    }
+}
+
+/// Which points the paths of a replicate take.
+///
+/// Two bounces share one four-dimensional sequence, so the second takes the point of the first. The
+/// next sequence is independent of what happened so far, and whichever of its points a path takes
+/// is uniform: so the paths that are left take the first ones, in their order, which are stratified,
+/// where points by the paths' old numbers would be a random subset.
+#[derive(Clone, Copy, Default)]
+pub(super) struct PointsTaken([u32; MAX_LAYERS.div_ceil(2)]);
+
+impl PointsTaken {
+    /// The point of the next path in line at bounce `k`, which took `before` at the last one.
+    #[inline(always)]
+    pub(super) fn next(&mut self, k: usize, before: u32) -> u32 {
+        if k % 2 == 1 {
+            return before;
+        }
+        self.0[k / 2] += 1;
+        self.0[k / 2] - 1
     }
 }
 
 /// A path that is still travelling.
 #[derive(Clone, Copy)]
-struct Alive {
-    path: u32,
-    start: Start,
-    normal: Normal,
+pub(super) struct Alive {
+    /// The point it took last.
+    pub(super) point: u32,
+    pub(super) start: Start,
+    pub(super) normal: Normal,
 }
 
 /// Estimates the transfer of one texel; `item` is its linear index in the lattice.
@@ -247,8 +278,8 @@ fn trace_replicate<T: Sample>(
     let layers = &settings.layers;
     let coefficients = layers.coefficients();
     scratch.alive.clear();
-    let at_texel = Alive { path: 0, start: site.start, normal: site.normal };
-    scratch.alive.extend((first as u32..last as u32).map(|path| Alive { path, ..at_texel }));
+    let at_texel = Alive { point: 0, start: site.start, normal: site.normal };
+    scratch.alive.resize(last - first, at_texel);
     let frame = Frame::around(site.normal);
     for k in 0..layers.len() {
         let sequence = sampler.sequence(k as u32);
@@ -256,8 +287,9 @@ fn trace_replicate<T: Sample>(
         scratch.blocked.clear();
         let mut kept = 0;
         for i in 0..scratch.alive.len() {
-            let alive = scratch.alive[i];
-            let local = warp::square_to_cosine_hemisphere(sequence.point(alive.path));
+            let mut alive = scratch.alive[i];
+            alive.point = scratch.taken[replicate].next(k, alive.point);
+            let local = warp::square_to_cosine_hemisphere(sequence.point(alive.point));
             let frame = if k == 0 { frame } else { Frame::around(alive.normal) };
             let direction = frame.from_local(local);
             let in_grid = field.direction_in_grid(direction);
@@ -269,12 +301,11 @@ fn trace_replicate<T: Sample>(
             if k == 0 {
                 scratch.blocked.push(direction);
             }
-            match continuation(field, outcome) {
-                Some((at, normal)) => {
-                    scratch.alive[kept] = Alive { path: alive.path, start: Start::on(at), normal };
-                    kept += 1;
-                }
-                None => tally.lost += 1,
+            let next = continuation(field, &alive, outcome);
+            tally.lost += u32::from(outcome == Outcome::Lost || next.is_none());
+            if let Some(next) = next {
+                scratch.alive[kept] = next;
+                kept += 1;
             }
         }
         scratch.alive.truncate(kept);
@@ -295,10 +326,13 @@ fn trace_replicate<T: Sample>(
     tally.trapped += scratch.alive.len() as u32;
 }
 
-/// Where a path goes on after a hit; `None` when it is lost.
-pub(super) fn continuation<T: Sample>(field: &LevelField<'_, T>, outcome: Outcome) -> Option<(CellPoint, Normal)> {
+/// Where a path goes on after a ray that did not escape; `None` where the surface has no normal.
+pub(super) fn continuation<T: Sample>(field: &LevelField<'_, T>, before: &Alive, outcome: Outcome) -> Option<Alive> {
     match outcome {
-        Outcome::Hit(hit) => field.normal(&hit.at).map(|normal| (hit.at, normal)),
-        _ => None,
+        Outcome::Hit(hit) => {
+            field.normal(&hit.at).map(|normal| Alive { point: before.point, start: Start::on(hit.at), normal })
+        }
+        Outcome::Lost => Some(*before),
+        Outcome::Escaped => None,
     }
 }

@@ -17,7 +17,7 @@ pub struct Summary {
     pub paths: u64,
     /// Paths of the pilots of texels with a target, traced beside these.
     pub pilot_paths: u64,
-    /// Paths lost in the solid.
+    /// Rays that started into the solid and did not come out; their paths go on from the same place.
     pub lost: u64,
     /// Paths still travelling after the last stored layer.
     pub trapped: u64,
@@ -108,7 +108,7 @@ impl Summary {
         self.escapes.iter().map(|a| a / (self.valid.max(1)) as f64).collect()
     }
 
-    /// Share of the paths lost in the solid.
+    /// Rays lost in the solid, per path.
     pub fn lost_share(&self) -> f64 {
         self.lost as f64 / self.paths.max(1) as f64
     }

@@ -143,6 +143,12 @@ impl Baked {
         view.validity[t] & validity::CLAMPED != 0
     }
 
+    /// Paths traced for a texel.
+    pub fn rays(&self, texel: [usize; 3]) -> u32 {
+        let (view, t) = self.slot(texel);
+        view.rays[t]
+    }
+
     /// a_k of a texel, the chance to escape after exactly k bounces.
     pub fn escape(&self, texel: [usize; 3], k: usize) -> f64 {
         ROOT_FOUR_PI * self.transfer(texel)[self.layers().offset(k)]
