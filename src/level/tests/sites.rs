@@ -91,7 +91,11 @@ fn the_rules_do_not_depend_on_the_scale_of_the_field_until_numbers_run_out() {
     for (low, high) in [(-3e38, 3e38), (0.0, 1e-45), (-1e-45, 1e-40), (3.4e38, 3.3e38), (-3.4e38, -3.4e38)] {
         for pick in 0..8u32 {
             let volume =
-                three(|x, y, z| if (x as u32 + 2 * y as u32 + 3 * z as u32 + pick) % 3 == 0 { high } else { low });
+                three(
+                    |x, y, z| {
+                        if (x as u32 + 2 * y as u32 + 3 * z as u32 + pick).is_multiple_of(3) { high } else { low }
+                    },
+                );
             with_field!(volume, field => {
                 for item in 0..20 {
                     let (start, c) = any_start(&field, 70, item);
