@@ -154,6 +154,13 @@ fn private_uses(files: &[File]) -> Vec<String> {
                 refuse(path.line, name);
             }
         }
+        // Paths through a module that was imported.
+        for pair in file.tokens.windows(3) {
+            let name = pair[2].text.as_str();
+            if position(&pair[0].text).is_some() && pair[1].text == "::" && private.contains(name) {
+                refuse(pair[2].line, name);
+            }
+        }
         // Methods; what a method belongs to is not known here, so names of its own are passed over.
         for call in file.tokens.windows(3) {
             let name = call[1].text.as_str();
