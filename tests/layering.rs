@@ -155,9 +155,11 @@ fn private_uses(files: &[File]) -> Vec<String> {
             }
         }
         // Paths through a module that was imported.
-        for pair in file.tokens.windows(3) {
+        for (index, pair) in file.tokens.windows(3).enumerate() {
             let name = pair[2].text.as_str();
-            if position(&pair[0].text).is_some() && pair[1].text == "::" && private.contains(name) {
+            // `super::surface` is a module of cli.
+            let inner = index > 0 && file.tokens[index - 1].text == "::";
+            if !inner && position(&pair[0].text).is_some() && pair[1].text == "::" && private.contains(name) {
                 refuse(pair[2].line, name);
             }
         }

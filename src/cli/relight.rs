@@ -232,7 +232,7 @@ impl Relight {
         }
         let held = info::holdings(&store)?.1;
         let only = match &held {
-            Some(Isovalues::List(list)) if self.isovalue.contains(&Isovalue::Auto) => list.first().copied(),
+            Some(Isovalues::List(list)) if self.isovalue.contains(&Isovalue::Auto) => one_of(list),
             _ => None,
         };
         let resolve = |i: &Isovalue| match (i, only) {
@@ -431,6 +431,11 @@ impl Context<'_> {
             "error": { "rms_over_mean": written.rms_over_mean, "median_relative": finite(written.error.median) },
         })
     }
+}
+
+/// The lowest of the isovalues that a store holds.
+fn one_of(list: &[f64]) -> Option<f64> {
+    list.iter().copied().reduce(f64::min)
 }
 
 /// Rays along each side of a pixel.
