@@ -154,6 +154,15 @@ fn private_uses(files: &[File]) -> Vec<String> {
                 refuse(path.line, name);
             }
         }
+        // Paths through a module that was imported.
+        for (index, pair) in file.tokens.windows(3).enumerate() {
+            let name = pair[2].text.as_str();
+            // `super::surface` is a module of cli.
+            let inner = index > 0 && file.tokens[index - 1].text == "::";
+            if !inner && position(&pair[0].text).is_some() && pair[1].text == "::" && private.contains(name) {
+                refuse(pair[2].line, name);
+            }
+        }
         // Methods; what a method belongs to is not known here, so names of its own are passed over.
         for call in file.tokens.windows(3) {
             let name = call[1].text.as_str();

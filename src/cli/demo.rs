@@ -3,7 +3,7 @@
 use super::baking::{Job, fill, size_on_disk};
 use super::console::Console;
 use super::isovalue::Isovalue;
-use super::relight::{Relight, Relit, finite};
+use super::relight::{Relight, Relit};
 use super::{Cli, Command, Failure, Outcome, text};
 use crate::error::Error;
 use crate::export::png::PngOptions;
@@ -41,7 +41,7 @@ const RAYS: u32 = 64;
 const VIEW: &str = "150,15";
 /// The brain looks to the back of the images; this brings their brightest part before it.
 const ROTATE: &str = "150";
-const SIZE: &str = "400x344";
+const SIZE: &str = "376x324";
 
 impl Demo {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
@@ -70,20 +70,20 @@ impl Demo {
                 lit.push(done);
             }
         }
-        let mut rows = vec![["file", "isovalue", "light", "time", "error (95 %)"].map(String::from).to_vec()];
+        let mut rows = vec![["file", "isovalue", "light", "time", "error"].map(String::from).to_vec()];
         for file in lit.iter().flat_map(|l| &l.files) {
             rows.push(vec![
                 file.target.path.display().to_string(),
                 text::number(file.isovalue, 6),
                 file.env.clone(),
                 text::duration(file.times.total()),
-                file.error_text(),
+                text::percent(file.rms_over_mean),
             ]);
         }
         console.print(indent(&text::table(&rows)));
         let transport_rays: u64 = lit.iter().map(|l| l.transport_rays).sum();
         console.print(format!(
-            "   transport rays: {transport_rays}; error: relative standard error of half (of 95 %) of the vertices at most"
+            "   transport rays: {transport_rays}; error: standard error of the radiance, RMS over the vertices, over its mean"
         ));
         let sheet = self.out.join("sheet.png");
         write_sheet(&lit, &sheet)?;
@@ -99,7 +99,7 @@ impl Demo {
             "bake": json,
             "files": lit.iter().flat_map(|l| &l.files).map(|f| json!({
                 "path": f.target.path.display().to_string(), "isovalue": f.isovalue, "environment": f.env,
-                "error_relative": finite(f.error.median), "seconds": f.times.total().as_secs_f64(),
+                "error_rms_over_mean": f.rms_over_mean, "seconds": f.times.total().as_secs_f64(),
             })).collect::<Vec<_>>(),
             "sheet": sheet.display().to_string(),
             "transport_rays_of_relight": transport_rays,

@@ -24,6 +24,8 @@ pub(super) struct Info {
 }
 
 const BINS: usize = 64;
+/// Metres in the atomic unit of length (CODATA 2018).
+const BOHR: f64 = 5.291_772_109_03e-11;
 
 impl Info {
     pub(super) fn run(&self, console: &Console) -> Outcome {
@@ -122,6 +124,7 @@ fn volume_rows(volume: &Volume) -> Vec<Vec<String>> {
         Some(1e-3) => "mm".to_string(),
         Some(1e-6) => "µm".into(),
         Some(1e-10) => "Å".into(),
+        Some(m) if (m - BOHR).abs() < 1e-6 * BOHR => "bohr".into(),
         Some(m) => format!("× {} m", text::number(m, 6)),
     };
     let scaling = match (volume.slope(), volume.inter()) {

@@ -111,7 +111,9 @@ pub(super) struct Written {
     pub(super) image: Option<Image>,
     report: LookupReport,
     /// Standard error of the radiance at the vertices.
-    pub(super) error: SurfaceError,
+    error: SurfaceError,
+    /// Its root mean square over the mean radiance.
+    pub(super) rms_over_mean: f64,
     exposure: f32,
     negative: u64,
     remainder: f32,
@@ -119,15 +121,17 @@ pub(super) struct Written {
     bytes: u64,
 }
 
-impl Written {
-    /// Relative standard errors: of half of the vertices at most, and of 95 % of them.
-    pub(super) fn error_text(&self) -> String {
-        format!("{} ({})", text::percent(self.error.median), text::percent(self.error.percentile_95))
-    }
+/// Root mean square of the standard errors of the vertices over their mean radiance (mean of the channels); 0
+/// for a black surface.
+fn rms_over_mean(radiance: &[[f32; 3]], errors: &[f32]) -> f64 {
+    let count = radiance.len().max(1) as f64;
+    let mean = radiance.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3.0 * count);
+    let square = errors.iter().map(|&e| f64::from(e).powi(2)).sum::<f64>() / count;
+    if mean > 0.0 { square.sqrt() / mean } else { 0.0 }
 }
 
 /// JSON has no infinity: it becomes null.
-pub(super) fn finite(value: f64) -> Option<f64> {
+fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
@@ -228,7 +232,7 @@ impl Relight {
         }
         let held = info::holdings(&store)?.1;
         let only = match &held {
-            Some(Isovalues::List(list)) if self.isovalue.contains(&Isovalue::Auto) => list.first().copied(),
+            Some(Isovalues::List(list)) if self.isovalue.contains(&Isovalue::Auto) => one_of(list),
             _ => None,
         };
         let resolve = |i: &Isovalue| match (i, only) {
@@ -314,6 +318,7 @@ impl Context<'_> {
             image: None,
             report: lit.report,
             error: SurfaceError::new(&lit.radiance, &errors),
+            rms_over_mean: rms_over_mean(&lit.radiance, &errors),
             exposure,
             negative: lit.radiance.iter().filter(|v| v.iter().any(|&x| x < 0.0)).count() as u64,
             remainder: contracted.emission_remainder,
@@ -423,9 +428,14 @@ impl Context<'_> {
             "albedo": material.albedo,
             "emission": material.emission,
             "exposure_ev": f64::from(written.exposure).log2(),
-            "error_relative": { "median": finite(written.error.median), "p95": finite(written.error.percentile_95) },
+            "error": { "rms_over_mean": written.rms_over_mean, "median_relative": finite(written.error.median) },
         })
     }
+}
+
+/// The lowest of the isovalues that a store holds.
+fn one_of(list: &[f64]) -> Option<f64> {
+    list.iter().copied().reduce(f64::min)
 }
 
 /// Rays along each side of a pixel.
@@ -440,7 +450,7 @@ impl Relit {
 fn report(console: &Console, surfaces: &[Surface], written: &[Written], read: Duration, transport_rays: u64) {
     let camera_rays: u64 = written.iter().map(|w| w.camera.rays).sum();
     let mut rows = vec![
-        ["file", "isovalue", "environment", "contract", "look up", "render", "write", "EV", "error (95 %)", "size"]
+        ["file", "isovalue", "environment", "contract", "look up", "render", "write", "EV", "error", "size"]
             .map(String::from)
             .to_vec(),
     ];
@@ -454,7 +464,7 @@ fn report(console: &Console, surfaces: &[Surface], written: &[Written], read: Du
             if w.target.format == Format::Png { text::duration(w.times.render) } else { "-".into() },
             text::duration(w.times.write),
             format!("{:+.2}", w.exposure.log2()),
-            w.error_text(),
+            text::percent(w.rms_over_mean),
             text::bytes(w.bytes as f64),
         ]);
     }
@@ -481,7 +491,7 @@ fn report(console: &Console, surfaces: &[Surface], written: &[Written], read: Du
         text::count(total.unbaked),
     ));
     console.print(format!(
-        "read {}; transport rays {}, camera rays {}",
+        "error: standard error of the radiance, RMS over the vertices, over its mean\nread {}; transport rays {}, camera rays {}",
         text::duration(read),
         text::count(transport_rays),
         text::count(camera_rays)
@@ -524,7 +534,7 @@ fn file_json(w: &Written) -> Value {
         "environment": w.env,
         "bytes": w.bytes,
         "exposure_ev": f64::from(w.exposure).log2(),
-        "error_relative": { "median": finite(w.error.median), "p95": finite(w.error.percentile_95) },
+        "error": { "rms_over_mean": w.rms_over_mean, "median_relative": finite(w.error.median) },
         "negative_vertices": w.negative,
         "emission_remainder": w.remainder,
         "lookups": {
