@@ -225,8 +225,7 @@ fn a_convex_combination_of_positive_texels_stays_positive() {
     let volume = bowl(16);
     let points: Vec<DVec3> =
         common::lower_half_sphere(400).into_iter().map(|p| p * 10.0 + DVec3::splat(16.0)).collect();
-    let texels: Vec<[usize; 3]> =
-        points.iter().flat_map(|&p| common::corners(p, volume.dims())).map(|c| c.0).collect();
+    let texels: Vec<[usize; 3]> = points.iter().flat_map(|&p| common::corners(p, volume.dims())).map(|c| c.0).collect();
     let mut settings = settings(&[3, 3, 3], 4, 3);
     settings.positive = true;
     let baked = bake_texels(&volume, &settings, &texels);

@@ -92,6 +92,16 @@ enum Passed {
     Hit(CellPoint),
 }
 
+/// What the pyramid knows of a ray that has just entered a block.
+enum Ahead {
+    /// Nothing solid in any direction that the ray may still take: it escapes.
+    Nothing,
+    /// Nothing solid in the block of this power of two, the largest of those just entered.
+    Empty(u32),
+    /// The block has to be marched.
+    Something,
+}
+
 /// What one cubic did to a ray.
 enum Crossed {
     No(Side),
@@ -113,6 +123,7 @@ impl<T: Sample> LevelField<'_, T> {
         let mut march = March::new(&start.at, direction);
         let stride = [0, 1, 2].map(|a| if march.upper[a] == 1 { 1 } else { 1usize.wrapping_neg() });
         let stride = [stride[0], stride[1].wrapping_mul(self.rows[1]), stride[2].wrapping_mul(self.rows[2])];
+        let octant = (0..3).fold(0, |octant, a| octant | usize::from(march.upper[a] == 0) << a);
         let mut side = if start.on_surface { Side::Start } else { Side::Unknown };
         let mut buried = 0u32;
         let mut sample = self.sample_index(&march.cell);
@@ -152,7 +163,12 @@ impl<T: Sample> LevelField<'_, T> {
             // Block by block while they hold nothing solid. The plane just crossed tells which
             // blocks are new; the others have been looked at.
             let mut skipped = false;
-            while let Some(shift) = self.empty_block(&march, axis, signed, counts) {
+            loop {
+                let shift = match self.ahead(&march, axis, octant, signed, counts) {
+                    Ahead::Nothing => return Outcome::Escaped,
+                    Ahead::Empty(shift) => shift,
+                    Ahead::Something => break,
+                };
                 axis = march.cross_block(shift, &last);
                 if march.cell[axis] as u32 > last[axis] as u32 {
                     return Outcome::Escaped;
@@ -166,13 +182,18 @@ impl<T: Sample> LevelField<'_, T> {
         }
     }
 
-    /// The largest block, of those that begin at the plane of `axis` just crossed, that holds the
-    /// cell and nothing solid; as the power of two of its side.
+    /// What lies behind the plane of `axis` that was just crossed, as far as the pyramid knows.
     #[inline(always)]
-    fn empty_block(&self, march: &March, axis: usize, signed: f32, counts: &mut Counts) -> Option<u32> {
+    fn ahead(&self, march: &March, axis: usize, octant: usize, signed: f32, counts: &mut Counts) -> Ahead {
         let plane = march.cell[axis] + 1 - march.upper[axis];
         let alignment = plane.trailing_zeros();
         let [x, y, z] = march.cell.map(|c| c as usize);
+        if alignment >= LEVEL_SHIFTS[1] {
+            counts.nodes += 1;
+            if self.pyramid.ahead(octant, [x, y, z]) <= signed {
+                return Ahead::Nothing;
+            }
+        }
         for (i, shift) in LEVEL_SHIFTS.into_iter().enumerate().rev() {
             if shift > alignment {
                 continue;
@@ -180,10 +201,10 @@ impl<T: Sample> LevelField<'_, T> {
             counts.nodes += 1;
             let level = self.pyramid.level(i);
             if level.max[level.index([x >> shift, y >> shift, z >> shift])] <= signed {
-                return Some(shift);
+                return Ahead::Empty(shift);
             }
         }
-        None
+        Ahead::Something
     }
 
     /// Carries the side through the cell that the march is in, with its first sample at index
