@@ -85,7 +85,11 @@ fn a_glowing_closed_sphere_sums_all_its_bounces() {
             // The outer light is shut out to the last bit; K+2 additions and a division in f32.
             for light in [&black, &bright] {
                 for c in relight(&baked, &texels, light, &grey(albedo, 1.5)) {
-                    assert!((f64::from(c[0]) / exact - 1.0).abs() < 2e-6, "{layers} layers, {albedo}: {} {exact}", c[0]);
+                    assert!(
+                        (f64::from(c[0]) / exact - 1.0).abs() < 2e-6,
+                        "{layers} layers, {albedo}: {} {exact}",
+                        c[0]
+                    );
                 }
             }
         }
@@ -221,8 +225,7 @@ fn a_convex_combination_of_positive_texels_stays_positive() {
     let volume = bowl(16);
     let points: Vec<DVec3> =
         common::lower_half_sphere(400).into_iter().map(|p| p * 10.0 + DVec3::splat(16.0)).collect();
-    let texels: Vec<[usize; 3]> =
-        points.iter().flat_map(|&p| common::corners(p, volume.dims())).map(|c| c.0).collect();
+    let texels: Vec<[usize; 3]> = points.iter().flat_map(|&p| common::corners(p, volume.dims())).map(|c| c.0).collect();
     let mut settings = settings(&[3, 3, 3], 4, 3);
     settings.positive = true;
     let baked = bake_texels(&volume, &settings, &texels);
@@ -234,5 +237,9 @@ fn a_convex_combination_of_positive_texels_stays_positive() {
     let found = contracted.look_up(&positions, &vec![[0.0, 0.0, 1.0]; 400], &light, &grey(0.9, 0.0));
     assert_eq!((found.report.renormalised, found.report.unbaked), (0, 0));
     // f16: 2⁻¹¹·Σ|T L| ≤ 5e-4·2.5 here.
-    assert!(found.radiance.iter().all(|c| c[0] >= -1.3e-3), "{:?}", found.radiance.iter().map(|c| c[0]).reduce(f32::min));
+    assert!(
+        found.radiance.iter().all(|c| c[0] >= -1.3e-3),
+        "{:?}",
+        found.radiance.iter().map(|c| c[0]).reduce(f32::min)
+    );
 }

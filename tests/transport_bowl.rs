@@ -101,10 +101,8 @@ fn the_discretisation_bias_falls_with_the_square_of_the_radius() {
             let baked = bake_texels(&volume, &settings(&[1, 1, 1, 1], 4096, 3), &texels);
             let bias: Vec<Running> =
                 (0..4).map(|k| texels.iter().map(|&t| baked.escape(t, k) / expected(k) - 1.0).collect()).collect();
-            let shown: Vec<String> = bias
-                .iter()
-                .map(|b| format!("{:+.3}±{:.3}", 100.0 * b.mean(), 100.0 * b.standard_error()))
-                .collect();
+            let shown: Vec<String> =
+                bias.iter().map(|b| format!("{:+.3}±{:.3}", 100.0 * b.mean(), 100.0 * b.standard_error())).collect();
             println!(
                 "c {c:2} voxels, at the border {border}: bias % of layers 0..3 {}  lost {:.5}",
                 shown.join("  "),

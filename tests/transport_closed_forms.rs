@@ -49,7 +49,11 @@ fn a_convex_sphere_has_the_transfer_of_the_clamped_cosine_at_every_radius_and_sc
                 }
             }
             let error = (error / norm).sqrt();
-            println!("{name}, radius {radius}: RMS of T {:.4} %, lost {:.5}", 100.0 * error, baked.summary.lost_share());
+            println!(
+                "{name}, radius {radius}: RMS of T {:.4} %, lost {:.5}",
+                100.0 * error,
+                baked.summary.lost_share()
+            );
             // The facets: samples lie on the sphere, the trilinear surface between them up to
             // (1/8)·Σ h_aa = 1/(4R) voxel inside it, so from a sample the surface only falls away
             // and nothing is hidden. What remains is the tilt of the normal. The B-spline without

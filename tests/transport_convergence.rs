@@ -144,7 +144,14 @@ fn estimates_are_unbiased_and_their_intervals_cover() {
                 }
             }
             let share = |k: usize| f64::from(covered[k]) / f64::from(asked[k].max(1));
-            println!("{name}, {rays} rays: smallest p {smallest:.1e} (limit {:.1e}), of texels {smallest_texel:.1e} (limit {:.1e}); coverage {:.3} {:.3} {:.3} of {asked:?}, equal or rare {equal:?}", sidak(0.01, coefficients), sidak(0.01, 9 * texels.len()), share(0), share(1), share(2));
+            println!(
+                "{name}, {rays} rays: smallest p {smallest:.1e} (limit {:.1e}), of texels {smallest_texel:.1e} (limit {:.1e}); coverage {:.3} {:.3} {:.3} of {asked:?}, equal or rare {equal:?}",
+                sidak(0.01, coefficients),
+                sidak(0.01, 9 * texels.len()),
+                share(0),
+                share(1),
+                share(2)
+            );
             assert!(smallest >= sidak(0.01, coefficients), "{name}, {rays} rays: {smallest}");
             assert!(smallest_texel >= sidak(0.01, 9 * texels.len()), "{name}, {rays} rays: {smallest_texel}");
             // Few points a replicate make few values, and the interval errs on the wide side.
@@ -165,7 +172,12 @@ fn the_control_variate_gains_what_it_promises() {
         let a = rms_of_transfer(&bake_texels(&volume, &with, &texels), &reference, &texels, 0.7);
         with.positive = true;
         let b = rms_of_transfer(&bake_texels(&volume, &with, &texels), &reference, &texels, 0.7);
-        println!("{rays} rays: RMS of T {:.2} % with, {:.2} % without control variate: gain {:.2} ({target})", 100.0 * a, 100.0 * b, b / a);
+        println!(
+            "{rays} rays: RMS of T {:.2} % with, {:.2} % without control variate: gain {:.2} ({target})",
+            100.0 * a,
+            100.0 * b,
+            b / a
+        );
         assert!(b / a > target, "{rays} rays: {}", b / a);
     }
 }

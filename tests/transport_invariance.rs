@@ -120,7 +120,8 @@ fn threads_and_partition_change_no_bit() {
     let mut selection = Selection::empty(lattice);
     texels.iter().for_each(|&t| selection.insert(t));
     let job = Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
-    let mut alone = Baked { texture: isolume::transfer::MemoryTexture::new(layout.clone()), summary: one.summary.clone() };
+    let mut alone =
+        Baked { texture: isolume::transfer::MemoryTexture::new(layout.clone()), summary: one.summary.clone() };
     for b in selection.bricks() {
         alone.texture.insert(b, bake_brick(&job, b).unwrap().brick).unwrap();
     }
@@ -159,7 +160,10 @@ fn scaling_by_powers_of_two_changes_no_bit_and_other_scalings_almost_nothing() {
             far += usize::from(d.sqrt() > 1e-5 * n.sqrt());
             (difference, norm, count) = (difference + d, norm + n, count + 1);
         }
-        println!("{a}·h + {b}: {far} of {count} texels differ by more than 1e-5, RMS {:.2e}", (difference / norm).sqrt());
+        println!(
+            "{a}·h + {b}: {far} of {count} texels differ by more than 1e-5, RMS {:.2e}",
+            (difference / norm).sqrt()
+        );
         assert!(far <= 2, "{far} texels");
     }
 }
@@ -177,7 +181,8 @@ fn what_a_level_set_cannot_see_does_not_change_it() {
     let settings = settings(&[5, 3, 3], 64, 1);
     let reference = bake_texels(&volume, &settings, &texels);
     // In the lit space, 3 cells and more inside the smallest: anything from −3c to 0.5c.
-    let dips = with_values(&volume, |i, v| if radius(i) < 15.0 { (20.0 * (3.5 * random(1, i) - 3.0)) as f32 } else { v });
+    let dips =
+        with_values(&volume, |i, v| if radius(i) < 15.0 { (20.0 * (3.5 * random(1, i) - 3.0)) as f32 } else { v });
     assert!(reference.same_bits_but_counts(&bake_texels(&dips, &settings, &texels)));
     // In the solid, beyond the largest: anything above.
     let bumps = with_values(&volume, |i, v| if radius(i) > 25.0 { (22.0 + 200.0 * random(2, i)) as f32 } else { v });
