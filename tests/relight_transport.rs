@@ -47,8 +47,8 @@ fn relight_is_linear_in_the_light_and_black_without_it() {
     let (a, b) = (1.7, -0.6);
     let mixed = (0..25).map(|i| {
         std::array::from_fn(|c| {
-            let of_second = second.coefficients().get(i).map_or(0.0, |v| v[c]);
-            a * first.coefficients()[i][c] + b * of_second
+            let of_second = second.coefficients(0).get(i).map_or(0.0, |v| v[c]);
+            a * first.coefficients(0)[i][c] + b * of_second
         })
     });
     let mixed = Light::new(mixed.collect()).unwrap();
@@ -67,7 +67,7 @@ fn relight_is_linear_in_the_light_and_black_without_it() {
     }
     // A light of more bands than the transfer, or of fewer, is met where both have bands.
     let wide = random_light(11, 3);
-    let cut = Light::new(wide.coefficients()[..25].to_vec()).unwrap();
+    let cut = Light::new(wide.coefficients(0)[..25].to_vec()).unwrap();
     assert_eq!(relight(&baked, &texels, &wide, &grey(0.5, 0.0)), relight(&baked, &texels, &cut, &grey(0.5, 0.0)));
 }
 

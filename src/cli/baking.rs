@@ -230,7 +230,7 @@ pub(super) fn fill(job: &Job<'_>, path: &Path, console: &Console) -> Outcome<(St
         report.prepare = start.elapsed();
         (report.chunks_kept, report.rays) = (todo.kept, todo.extent.rays);
         report.has_target = todo.extent.error_target.is_some();
-        console.catch_interrupts();
+        let _guard = console.guard();
         run(job, &pyramid, &store, &todo, console, &mut report)?;
     }
     store.refresh();

@@ -82,27 +82,37 @@ impl Console {
 }
 
 static INTERRUPTS: AtomicU32 = AtomicU32::new(0);
+static GUARDED: AtomicBool = AtomicBool::new(false);
 
-/// How often the user asked to stop since [`catch_interrupts`].
+/// How often the user asked to stop while work was guarded.
 pub(super) fn interrupts() -> u32 {
     INTERRUPTS.load(Ordering::Relaxed)
 }
 
-/// From now on an interrupt (Ctrl-C) does not end the process; [`interrupts`] counts it.
-pub(super) fn catch_interrupts(quiet: bool) {
-    // A second call, or a system without signals: the process then simply ends.
-    let _ = ctrlc::set_handler(move || {
-        let before = INTERRUPTS.fetch_add(1, Ordering::Relaxed);
-        if before == 0 && !quiet {
-            let text = "note: stopping when the chunks in work are written; press Ctrl-C again to stop at once";
-            let _ = writeln!(std::io::stderr(), "\n{text}");
-        }
-    });
+/// While it lives, an interrupt (Ctrl-C) does not end the process; [`interrupts`] counts it.
+pub(super) struct InterruptGuard;
+
+impl Drop for InterruptGuard {
+    fn drop(&mut self) {
+        GUARDED.store(false, Ordering::Relaxed);
+    }
 }
 
 impl Console {
-    /// [`catch_interrupts`] as quiet as this console.
-    pub(super) fn catch_interrupts(&self) {
-        catch_interrupts(self.quiet);
+    /// Guards the work that follows against interrupts.
+    pub(super) fn guard(&self) -> InterruptGuard {
+        let quiet = self.quiet;
+        GUARDED.store(true, Ordering::Relaxed);
+        // An error is a second call, or a system without signals: the process then simply ends.
+        let _ = ctrlc::set_handler(move || {
+            if !GUARDED.load(Ordering::Relaxed) {
+                std::process::exit(1);
+            }
+            if INTERRUPTS.fetch_add(1, Ordering::Relaxed) == 0 && !quiet {
+                let text = "note: stopping when the chunks in work are written; press Ctrl-C again to stop at once";
+                let _ = writeln!(std::io::stderr(), "\n{text}");
+            }
+        });
+        InterruptGuard
     }
 }

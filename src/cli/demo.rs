@@ -3,7 +3,7 @@
 use super::baking::{Job, fill, size_on_disk};
 use super::console::Console;
 use super::isovalue::Isovalue;
-use super::relight::{Relight, Relit};
+use super::relight::{Relight, Relit, finite};
 use super::{Cli, Command, Failure, Outcome, text};
 use crate::error::Error;
 use crate::export::png::PngOptions;
@@ -70,19 +70,21 @@ impl Demo {
                 lit.push(done);
             }
         }
-        let mut rows = vec![["file", "isovalue", "light", "time", "noise"].map(String::from).to_vec()];
+        let mut rows = vec![["file", "isovalue", "light", "time", "error (95 %)"].map(String::from).to_vec()];
         for file in lit.iter().flat_map(|l| &l.files) {
             rows.push(vec![
                 file.target.path.display().to_string(),
                 text::number(file.isovalue, 6),
                 file.env.clone(),
                 text::duration(file.times.total()),
-                text::percent(file.noise),
+                file.error_text(),
             ]);
         }
         console.print(indent(&text::table(&rows)));
         let transport_rays: u64 = lit.iter().map(|l| l.transport_rays).sum();
-        console.print(format!("   transport rays: {transport_rays}"));
+        console.print(format!(
+            "   transport rays: {transport_rays}; error: relative standard error of half (of 95 %) of the vertices at most"
+        ));
         let sheet = self.out.join("sheet.png");
         write_sheet(&lit, &sheet)?;
         let seconds = start.elapsed();
@@ -97,7 +99,7 @@ impl Demo {
             "bake": json,
             "files": lit.iter().flat_map(|l| &l.files).map(|f| json!({
                 "path": f.target.path.display().to_string(), "isovalue": f.isovalue, "environment": f.env,
-                "noise_relative": f.noise, "seconds": f.times.total().as_secs_f64(),
+                "error_relative": finite(f.error.median), "seconds": f.times.total().as_secs_f64(),
             })).collect::<Vec<_>>(),
             "sheet": sheet.display().to_string(),
             "transport_rays_of_relight": transport_rays,

@@ -224,9 +224,6 @@ fn rotate(probe: &Probe, degrees: f64, output: &Path, console: &Console) -> Outc
 
 /// Fewer stops than this between the brightest pixel and the mean is no high dynamic range.
 const FEWEST_STOPS: f64 = 1.0;
-/// Share of the energy in the first five bands below which the light will ring.
-const LEAST_ENERGY: f64 = 0.5;
-
 fn reasons(r: &Report) -> Vec<String> {
     let mut reasons: Vec<String> = r.notes.iter().map(|n| format!("{} ({})", n.text, text::count(n.count))).collect();
     let bad = &r.bad_pixels;
@@ -244,13 +241,6 @@ fn reasons(r: &Report) -> Vec<String> {
         if r.layout == "latlong" && r.stored_size[0] != 2 * r.stored_size[1] {
             reasons.push(format!("{} × {} is not 2:1", r.stored_size[0], r.stored_size[1]));
         }
-    }
-    let kept: f64 = r.energy.iter().take(5).map(|e| e.fraction).sum();
-    if r.mean_luminance > 0.0 && kept < LEAST_ENERGY {
-        reasons.push(format!(
-            "only {} of its energy lies in degrees 0 to 4 (a small strong lamp): shadows will be soft and may ring",
-            text::percent(kept)
-        ));
     }
     reasons
 }

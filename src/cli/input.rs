@@ -82,7 +82,13 @@ fn open_file(argument: &str, args: &VolumeArgs) -> Result<Volume> {
         return Err(missing(argument));
     }
     let solid = args.solid.map_or(Solid::Above, Solid::from);
-    open_with(path, &ReadHint { solid, ..ReadHint::default() })
+    open_with(path, &ReadHint { solid, ..ReadHint::default() }).map_err(|error| match error {
+        // Readers do not know the name; a limit has no field for it.
+        Error::Limit { what, needed, limit, remedy } => {
+            Error::Limit { what: format!("{argument}: {what}"), needed, limit, remedy }
+        }
+        other => other,
+    })
 }
 
 /// The error for a volume that is not there, with the name that may have been meant.

@@ -4,6 +4,19 @@
 //! Results go to standard output, progress and notes to standard error. Exit code 0: done; 2: the command
 //! line was wrong; 1: anything else, with one line `error: …`.
 
+/// Runs `$body` with `$s` bound to the typed slice of a volume's samples.
+macro_rules! with_samples {
+    ($samples:expr, $s:ident => $body:expr) => {
+        match $samples {
+            $crate::volume::Samples::U8($s) => $body,
+            $crate::volume::Samples::I8($s) => $body,
+            $crate::volume::Samples::U16($s) => $body,
+            $crate::volume::Samples::I16($s) => $body,
+            $crate::volume::Samples::F32($s) => $body,
+        }
+    };
+}
+
 mod baking;
 mod bake;
 mod console;
@@ -44,16 +57,16 @@ struct Cli {
 #[derive(clap::Args, Clone)]
 struct Common {
     /// Print the result as JSON
-    #[arg(long, global = true)]
+    #[arg(long, global = true, help_heading = "Every command")]
     json: bool,
     /// No progress and no notes
-    #[arg(short, long, global = true)]
+    #[arg(short, long, global = true, help_heading = "Every command")]
     quiet: bool,
     /// Threads to use [default: one per core]
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    #[arg(long, global = true, help_heading = "Every command", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     threads: Option<u32>,
     /// Seed of all random numbers
-    #[arg(long, global = true, value_name = "N", default_value_t = 0)]
+    #[arg(long, global = true, help_heading = "Every command", value_name = "N", default_value_t = 0)]
     seed: u64,
 }
 

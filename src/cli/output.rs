@@ -84,13 +84,19 @@ pub(super) fn targets(output: &Path, name: &str, isovalues: &[f64], environments
         .into());
     }
     if is_folder && !output.exists() {
-        check_folder(&output.join("x").components().as_path().parent().unwrap_or(output).join("")).ok();
-        std::fs::create_dir_all(output).map_err(|e| Error::io(output, "make the directory", e))?;
-    }
-    for target in &targets {
-        check_file(&target.path)?;
+        check_folder(output)?;
+    } else {
+        targets.iter().try_for_each(|t| check_file(&t.path))?;
     }
     Ok(targets)
+}
+
+/// Makes the directory that `-o` names with a slash at its end, if it is not there.
+pub(super) fn make_folder(output: &Path) -> Result<()> {
+    if !output.to_string_lossy().ends_with(['/', '\\']) || output.is_dir() {
+        return Ok(());
+    }
+    std::fs::create_dir(output).map_err(|e| Error::io(output, "make the directory", e))
 }
 
 /// A name as a part of a file name.

@@ -6,7 +6,7 @@ use super::input::VolumeArgs;
 use super::isovalue::{Chosen, Isovalue};
 use super::light::{LightArgs, MaterialArgs, open_probe};
 use super::options::TransferArgs;
-use super::output::{Format, Target, clean, targets};
+use super::output::{Format, Target, clean, make_folder, targets};
 use super::picture::{PictureArgs, check_size, develop};
 use super::surface::Surface;
 use super::{Failure, Outcome, info, input, text};
@@ -16,7 +16,7 @@ use crate::export::{Image, atomic, gltf, ply, png};
 use crate::geom::Up;
 use crate::level::{Counts, Pyramid};
 use crate::probe::Probe;
-use crate::relight::{Contracted, Exposure, Light, LookupReport, Material, contract};
+use crate::relight::{Contracted, Exposure, Light, LookupReport, Material, SurfaceError, contract};
 use crate::render::{RenderOptions, render};
 use crate::scene::MaterialRule;
 use crate::transfer::store::{Isovalues, Store};
@@ -66,7 +66,7 @@ pub(super) struct Relight {
 
 #[derive(clap::Args, Clone, Debug)]
 struct MeshArgs {
-    /// Add the true linear radiance as attribute _RADIANCE
+    /// Add the true linear radiance as attribute _RADIANCE, and its standard error as _STDERR
     #[arg(long)]
     radiance: bool,
     /// Store COLOR_0 as 32-bit floats
@@ -110,13 +110,25 @@ pub(super) struct Written {
     /// The picture, where the file is one.
     pub(super) image: Option<Image>,
     report: LookupReport,
-    /// Standard error of the radiance over its mean.
-    pub(super) noise: f64,
+    /// Standard error of the radiance at the vertices.
+    pub(super) error: SurfaceError,
     exposure: f32,
     negative: u64,
     remainder: f32,
     camera: Counts,
     bytes: u64,
+}
+
+impl Written {
+    /// Relative standard errors: of half of the vertices at most, and of 95 % of them.
+    pub(super) fn error_text(&self) -> String {
+        format!("{} ({})", text::percent(self.error.median), text::percent(self.error.percentile_95))
+    }
+}
+
+/// JSON has no infinity: it becomes null.
+pub(super) fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
 }
 
 /// What does not change from file to file.
@@ -145,10 +157,15 @@ impl Relight {
         {
             return Err(Error::argument("--scale", scale, "a positive number", "give metres to a world unit").into());
         }
+        // Whatever can be wrong is refused before the bake, which may take minutes.
+        self.material.rule((0.0, 1.0))?;
         let probes = self.open_probes(console)?;
-        let (store, transport_rays, volume, chosen, read_time) =
-            if info::is_store(&self.input) { self.open_store()? } else { self.bake_volume(seed, console)? };
         let environments: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
+        let (store, transport_rays, volume, chosen, read_time) = if info::is_store(&self.input) {
+            self.open_store()?
+        } else {
+            self.bake_volume(&environments, seed, console)?
+        };
         let isovalues: Vec<f64> = chosen.iter().map(|c| c.value).collect();
         let files = targets(&self.output, &volume.name, &isovalues, &environments)?;
         if files.iter().any(|f| f.format == Format::Png) {
@@ -171,6 +188,7 @@ impl Relight {
             up: self.volume.up.unwrap_or(volume.up),
             bake_hint: self.input.clone(),
         };
+        make_folder(&self.output)?;
         let mut surfaces = Vec::new();
         let mut written = Vec::new();
         let mut files = files.into_iter();
@@ -223,7 +241,12 @@ impl Relight {
     }
 
     #[allow(clippy::type_complexity)]
-    fn bake_volume(&self, seed: u64, console: &Console) -> Outcome<(Store, u64, Volume, Vec<Chosen>, Duration)> {
+    fn bake_volume(
+        &self,
+        environments: &[String],
+        seed: u64,
+        console: &Console,
+    ) -> Outcome<(Store, u64, Volume, Vec<Chosen>, Duration)> {
         let start = Instant::now();
         let opened = input::open(&self.input, &self.volume)?;
         for note in &opened.volume.notes {
@@ -231,10 +254,8 @@ impl Relight {
         }
         let resolve = |i: &Isovalue| i.resolve(&opened.volume, opened.default_isovalue);
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
-        // The outputs are checked before the bake, too: it may take minutes.
-        let environments: Vec<String> = self.env.iter().enumerate().map(|(i, _)| i.to_string()).collect();
         let isovalues: Vec<f64> = chosen.iter().map(|c| c.value).collect();
-        targets(&self.output, &opened.volume.name, &isovalues, &environments)?;
+        targets(&self.output, &opened.volume.name, &isovalues, environments)?;
         let layout = self.transfer.layout(&opened.volume, &[5])?;
         let settings = self.transfer.settings(&layout, seed);
         let memory_limit = self.transfer.memory_limit;
@@ -279,6 +300,7 @@ impl Context<'_> {
         times.contract = start.elapsed();
         let start = Instant::now();
         let lit = contracted.look_up(&surface.mesh.positions_in_grid, &surface.mesh.normals, &light, &material);
+        let errors = contracted.look_up_errors(&surface.mesh.positions_in_grid);
         times.look_up = start.elapsed();
         if lit.report.unbaked > 0 {
             return Err(self.unbaked(isovalue, &lit.report));
@@ -291,7 +313,7 @@ impl Context<'_> {
             times,
             image: None,
             report: lit.report,
-            noise: contracted.noise.relative(),
+            error: SurfaceError::new(&lit.radiance, &errors),
             exposure,
             negative: lit.radiance.iter().filter(|v| v.iter().any(|&x| x < 0.0)).count() as u64,
             remainder: contracted.emission_remainder,
@@ -301,18 +323,25 @@ impl Context<'_> {
         let record = self.record(probe, &material, &written);
         match written.target.format {
             Format::Png => self.write_picture(surface, &contracted, &light, &material, record, &mut written)?,
-            _ => self.write_mesh(surface, &lit.radiance, record, &mut written)?,
+            _ => self.write_mesh(surface, &lit.radiance, &errors, record, &mut written)?,
         }
         written.bytes = std::fs::metadata(&written.target.path).map_or(0, |m| m.len());
         Ok(written)
     }
 
-    fn write_mesh(&self, surface: &Surface, radiance: &[[f32; 3]], record: Value, written: &mut Written) -> Outcome {
+    fn write_mesh(
+        &self,
+        surface: &Surface,
+        radiance: &[[f32; 3]],
+        errors: &[f32],
+        record: Value,
+        written: &mut Written,
+    ) -> Outcome {
         let args = &self.command.mesh;
         let start = Instant::now();
         let colours = Exposure::apply(written.exposure, radiance);
         let name = format!("{} {}", self.volume.name, text::number(surface.isovalue, 8));
-        let mesh = surface.export(&name, self.volume, self.up, &colours, args.radiance.then_some(radiance));
+        let mesh = surface.export(&name, self.volume, self.up, &colours, args.radiance.then_some((radiance, errors)));
         let path = &written.target.path;
         if written.target.format == Format::Ply {
             let options = ply::PlyOptions { provenance: record, ..Default::default() };
@@ -394,7 +423,7 @@ impl Context<'_> {
             "albedo": material.albedo,
             "emission": material.emission,
             "exposure_ev": f64::from(written.exposure).log2(),
-            "noise_relative": written.noise,
+            "error_relative": { "median": finite(written.error.median), "p95": finite(written.error.percentile_95) },
         })
     }
 }
@@ -411,7 +440,7 @@ impl Relit {
 fn report(console: &Console, surfaces: &[Surface], written: &[Written], read: Duration, transport_rays: u64) {
     let camera_rays: u64 = written.iter().map(|w| w.camera.rays).sum();
     let mut rows = vec![
-        ["file", "isovalue", "environment", "contract", "look up", "render", "write", "EV", "noise", "size"]
+        ["file", "isovalue", "environment", "contract", "look up", "render", "write", "EV", "error (95 %)", "size"]
             .map(String::from)
             .to_vec(),
     ];
@@ -425,7 +454,7 @@ fn report(console: &Console, surfaces: &[Surface], written: &[Written], read: Du
             if w.target.format == Format::Png { text::duration(w.times.render) } else { "-".into() },
             text::duration(w.times.write),
             format!("{:+.2}", w.exposure.log2()),
-            text::percent(w.noise),
+            w.error_text(),
             text::bytes(w.bytes as f64),
         ]);
     }
@@ -495,7 +524,7 @@ fn file_json(w: &Written) -> Value {
         "environment": w.env,
         "bytes": w.bytes,
         "exposure_ev": f64::from(w.exposure).log2(),
-        "noise_relative": w.noise,
+        "error_relative": { "median": finite(w.error.median), "p95": finite(w.error.percentile_95) },
         "negative_vertices": w.negative,
         "emission_remainder": w.remainder,
         "lookups": {

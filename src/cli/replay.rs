@@ -6,7 +6,7 @@ use crate::error::Error;
 use crate::level::{LevelField, Pyramid, Site};
 use crate::transfer::{BRICK, Layout, Selection};
 use crate::transport::{Bake, ReplayedPath, Settings, bake_brick, replay};
-use crate::volume::{Volume, with_samples};
+use crate::volume::Volume;
 use serde_json::json;
 
 pub(super) fn parse_texel(text: &str) -> Result<[usize; 3], String> {

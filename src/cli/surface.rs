@@ -1,14 +1,14 @@
 //! A surface ready to be lit: mesh, normals, and the bricks that its lookups read.
 
 use crate::error::Result;
-use crate::export::{ExportMesh, Positions};
+use crate::export::{ExportMesh, Positions, StandardError};
 use crate::geom::Up;
 use crate::level::{LevelField, Pyramid};
 use crate::relight::texels_of_isosurface;
 use crate::render::{Camera, Projection, View};
 use crate::surface::{Mesh, extract_with_normals};
 use crate::transfer::Lattice;
-use crate::volume::{LengthUnit, Sample, Volume, with_samples};
+use crate::volume::{LengthUnit, Sample, Volume};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
@@ -43,14 +43,14 @@ impl Surface {
         Ok(Self { isovalue, mesh, positions, normals, bricks, extract_time, select_time: start.elapsed() })
     }
 
-    /// The mesh as the writers take it.
+    /// The mesh as the writers take it; `radiance` comes with its standard errors.
     pub(super) fn export<'a>(
         &'a self,
         name: &'a str,
         volume: &Volume,
         up: Up,
         colours: &'a [[f32; 3]],
-        radiance: Option<&'a [[f32; 3]]>,
+        radiance: Option<(&'a [[f32; 3]], &'a [f32])>,
     ) -> ExportMesh<'a> {
         ExportMesh {
             name,
@@ -58,8 +58,8 @@ impl Surface {
             normals_in_world: &self.normals,
             triangles: &self.mesh.triangles,
             colours,
-            radiance,
-            standard_error: None,
+            radiance: radiance.map(|(radiance, _)| radiance),
+            standard_error: radiance.map(|(_, errors)| StandardError::Grey(errors)),
             box_in_world: volume.world_bounds(),
             up,
             metres_per_unit: match volume.unit {

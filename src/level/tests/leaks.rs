@@ -29,8 +29,7 @@ struct Rules<'a> {
 
 /// The border point that a ray meets.
 fn way_out(dims: [usize; 3], from: DVec3, direction: Vec3) -> DVec3 {
-    let parallel = direction.abs().cmplt(Vec3::splat(4.0 * f32::MIN_POSITIVE));
-    let d = Vec3::select(parallel, Vec3::ZERO, direction).as_dvec3();
+    let d = as_traced(direction).as_dvec3();
     let t = (0..3)
         .filter(|&a| d[a] != 0.0)
         .fold(f64::INFINITY, |t, a| t.min(((if d[a] > 0.0 { (dims[a] - 1) as f64 } else { 0.0 }) - from[a]) / d[a]));
@@ -40,7 +39,8 @@ fn way_out(dims: [usize; 3], from: DVec3, direction: Vec3) -> DVec3 {
 fn trace_all<T: Sample>(field: &LevelField<'_, T>, twin: &Twin, rules: &Rules<'_>, seed: u64, starts: u64) -> Tally {
     let (mut tally, all) = (Tally::default(), directions());
     for item in 0..starts {
-        let (mut start, mut c) = any_start(field, seed, item);
+        let (mut start, _) = any_start(field, seed, item);
+        let c;
         if item % 3 == 0 {
             // A texel, with the rule for its isovalue.
             let p = start.at.in_grid().round().as_dvec3();

@@ -131,6 +131,18 @@ fn gallery() -> Vec<(&'static str, Volume)> {
     ]
 }
 
+/// A direction as the tracer takes it: largest component in [1, 2), tiny components 0.
+fn as_traced(direction: Vec3) -> Vec3 {
+    let mut d = direction;
+    while d.abs().max_element() >= 2.0 {
+        d *= 0.5;
+    }
+    while d.abs().max_element() < 1.0 {
+        d *= 2.0;
+    }
+    Vec3::select(d.abs().cmplt(Vec3::splat(2f32.powi(-100))), Vec3::ZERO, d)
+}
+
 /// A start in the box of a field and an isovalue for it: lattice points, points on faces and
 /// edges, points anywhere; on the surface or beside it.
 fn any_start<T: Sample>(field: &LevelField<'_, T>, seed: u64, item: u64) -> (Start, f32) {

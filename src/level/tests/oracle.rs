@@ -108,9 +108,7 @@ impl Twin {
     /// f along a ray.
     pub(super) fn profile(&self, c: f32, start: &Start, direction: Vec3) -> Profile {
         let origin = start.at.cell.as_dvec3() + start.at.local.as_dvec3();
-        // Components that f32 cannot invert count as 0, as [`LevelField::trace`] says.
-        let parallel = direction.abs().cmplt(Vec3::splat(4.0 * f32::MIN_POSITIVE));
-        let direction = Vec3::select(parallel, Vec3::ZERO, direction).as_dvec3().normalize();
+        let direction = as_traced(direction).as_dvec3().normalize();
         let (mut crossings, mut end) = (vec![0.0], f64::INFINITY);
         for a in 0..3 {
             let last = (self.dims[a] - 1) as f64;

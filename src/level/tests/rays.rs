@@ -37,13 +37,13 @@ pub(super) fn judge(
     let inside = told.f > 0.0;
     if outcome == Outcome::Lost {
         // In the solid for more cells than a ray may be, or to the border.
-        let last = profile.looks.iter().filter(|l| l.exits <= MAX_BURIED_CELLS).last().unwrap().t;
+        let last = profile.looks.iter().rfind(|l| l.exits <= MAX_BURIED_CELLS).unwrap().t;
         let depth = profile.lowest(0.0, last.min(profile.end()));
         verdicts.exact += u64::from(depth >= 0.0);
         verdicts.grazing += u64::from(depth < 0.0);
         // The last cell may be shorter than rounding, so that the tracer and the twin count
         // differently: one cell less.
-        let earlier = profile.looks.iter().filter(|l| l.exits < MAX_BURIED_CELLS).last().unwrap().t;
+        let earlier = profile.looks.iter().rfind(|l| l.exits < MAX_BURIED_CELLS).unwrap().t;
         let depth = profile.lowest(0.0, earlier.min(profile.end()));
         return if depth >= -1.0 { Ok(()) } else { Err(format!("lost, but out by {depth} slacks")) };
     }

@@ -1,6 +1,5 @@
 //! Odd grids, odd affines, odd directions, odd isovalues.
 
-use super::march::plain_trace;
 use super::oracle::Twin;
 use super::rays::{Verdicts, judge};
 use super::*;
@@ -9,6 +8,9 @@ use glam::DMat3;
 #[test]
 fn scaling_by_powers_of_two_changes_no_bit_and_flipping_the_side_neither() {
     let shape = |p: Vec3| (3.0 * p.x).sin() * (2.0 * p.y).cos() + p.z * p.z - 0.3 * p.x;
+    // A component of 1e-20 makes subnormal products, which are not exact under scaling.
+    let regular: Vec<Vec3> =
+        directions().into_iter().filter(|d| d.to_array().iter().all(|v| *v == 0.0 || v.abs() > 1e-10)).collect();
     let reference = cube(20, shape);
     let variants = [
         (cube(20, |p| shape(p) * 2f32.powi(90)), 2f32.powi(90), Solid::Above),
@@ -26,7 +28,7 @@ fn scaling_by_powers_of_two_changes_no_bit_and_flipping_the_side_neither() {
             let (sa, sb) = (a.site(at).unwrap(), b.site(at).unwrap());
             assert_eq!(sa.isovalue * factor, sb.isovalue);
             assert_eq!(sa.normal, sb.normal);
-            for d in directions().into_iter().step_by(7) {
+            for d in regular.iter().copied().step_by(7) {
                 assert_eq!(a.trace(sa.isovalue, &sa.start, d, &mut ca), b.trace(sb.isovalue, &sb.start, d, &mut cb));
             }
         }
@@ -141,11 +143,14 @@ fn the_length_of_a_direction_changes_no_bit_by_powers_of_two() {
                 let (start, c) = any_start(&field, 143, item);
                 let d = on_sphere(143, item);
                 let reference = field.trace(c, &start, d, &mut counts);
-                for exponent in [-80, -3, 1, 80] {
+                for exponent in [-100, -3, 1, 80, 126] {
                     let scaled = field.trace(c, &start, d * 2f32.powi(exponent), &mut counts);
                     assert_eq!(scaled, reference, "{name} {item} 2^{exponent}");
                 }
-                assert!(matches!(field.trace(c, &start, d * 1e-37, &mut counts), Outcome::Hit(_) | Outcome::Escaped | Outcome::Lost));
+                // Directions that are hardly numbers still come to an end.
+                for length in [1e-37, 1e-40, 1e-45, 0.0, f32::MAX, f32::INFINITY, f32::NAN] {
+                    field.trace(c, &start, d * length, &mut counts);
+                }
             }
         });
     }
@@ -172,10 +177,8 @@ fn buried_starts_do_not_depend_on_the_name_of_their_corner() {
                     continue;
                 }
                 let d = on_sphere(144, item);
-                let [a, b] = [start.at, other].map(|at| {
-                    plain_trace(&field, c, &Start { at, ..start }, d);
-                    field.trace(c, &Start { at, ..start }, d, &mut Counts::default())
-                });
+                let [a, b] = [start.at, other]
+                    .map(|at| field.trace(c, &Start { at, ..start }, d, &mut Counts::default()));
                 match (a, b) {
                     (Outcome::Hit(a), Outcome::Hit(b)) => {
                         assert!((a.at.in_grid() - b.at.in_grid()).length() < 1e-3, "{name} {item}: {a:?} {b:?}");
