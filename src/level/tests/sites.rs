@@ -21,9 +21,11 @@ fn a_ramp_keeps_its_value_inside_and_is_clamped_at_its_ends() {
     let low = site_of(&ramp, [0.0, 1.0, 1.0]).unwrap();
     assert!((low.isovalue - 0.2).abs() < 1e-6 && low.clamped && !low.start.on_surface, "{low:?}");
     let high = site_of(&ramp, [2.0, 1.0, 1.0]).unwrap();
-    assert!((high.isovalue - 1.8).abs() < 1e-6 && high.clamped && !high.start.on_surface, "{high:?}");
-    // The start stays at the texel.
-    assert_eq!(high.start.at.in_grid(), Vec3::new(2.0, 1.0, 1.0));
+    // On the lit side the start stays at the texel.
+    assert_eq!(low.start.at.in_grid(), Vec3::new(0.0, 1.0, 1.0));
+    // In the solid it moves out along the normal, to the surface.
+    assert!((high.isovalue - 1.8).abs() < 1e-6 && high.clamped && high.start.on_surface, "{high:?}");
+    assert!((high.start.at.in_grid() - Vec3::new(1.8, 1.0, 1.0)).length() < 1e-6, "{high:?}");
 }
 
 #[test]
