@@ -1,5 +1,8 @@
+use super::super::latlong::LUMINANCE;
 use super::super::{EMBEDDED, ReadOptions, by_name};
+use super::lobe::angle;
 use super::*;
+use crate::sh::Coefficients;
 
 /// ∫ L dω of each channel.
 fn flux(image: &LatLong) -> [f64; 3] {
