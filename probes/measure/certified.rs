@@ -61,6 +61,9 @@ fn sky(i: u64, bands: usize) -> isolume::Result<[Coefficients; 3]> {
     })
 }
 
+/// Directions evaluated together.
+const BLOCK: usize = 64;
+
 struct Outcome {
     bands: usize,
     least: f64,
@@ -69,7 +72,7 @@ struct Outcome {
     finite: bool,
 }
 
-fn judge(i: u64, basis_of: &[f64], directions: usize) -> isolume::Result<Outcome> {
+fn judge(i: u64, basis_of: &[Vec<f64>]) -> isolume::Result<Outcome> {
     let bands = 1 + (i % MAX_BANDS as u64) as usize;
     let channels = sky(i, bands)?;
     let prepared = prepare(&channels, &channels, &Layers::uniform(1, bands)?, Window::Certified)?;
@@ -77,20 +80,22 @@ fn judge(i: u64, basis_of: &[f64], directions: usize) -> isolume::Result<Outcome
     let light = prepared.light.coefficients(0);
     let (mut least, mut finite) = (f64::INFINITY, window.factors.iter().all(|f| f.is_finite()));
     let means: [f64; 3] = std::array::from_fn(|c| light[0][c] / (4.0 * std::f64::consts::PI).sqrt());
-    for d in 0..directions {
-        let y = &basis_of[d * MAX_BANDS * MAX_BANDS..][..light.len()];
-        let mut values = [0.0; 3];
-        for (l, y) in light.iter().zip(y) {
+    for block in basis_of {
+        let mut values = [[0.0; BLOCK]; 3];
+        for (l, y) in light.iter().zip(block.as_chunks::<BLOCK>().0) {
             for c in 0..3 {
-                values[c] += l[c] * y;
+                for d in 0..BLOCK {
+                    values[c][d] += l[c] * y[d];
+                }
             }
         }
         for c in 0..3 {
-            finite &= values[c].is_finite();
-            // A black channel must be exactly black.
-            let over_mean =
-                if means[c] > 0.0 { values[c] / means[c] } else { 1.0 - values[c].abs() / f64::MIN_POSITIVE };
-            least = least.min(over_mean);
+            for value in values[c] {
+                finite &= value.is_finite();
+                // A black channel must be exactly black.
+                least =
+                    least.min(if means[c] > 0.0 { value / means[c] } else { 1.0 - value.abs() / f64::MIN_POSITIVE });
+            }
         }
     }
     Ok(Outcome { bands, least, floor: window.floor, contrast: window.kept.contrast, finite })
@@ -100,16 +105,28 @@ fn main() -> isolume::Result<()> {
     let args: Vec<usize> = std::env::args().skip(1).filter_map(|s| s.parse().ok()).collect();
     let (skies, directions) = (args.first().copied().unwrap_or(10_000), args.get(1).copied().unwrap_or(100_000));
     let start = Instant::now();
-    // The basis once for all skies: fewer bands are a prefix. The axes come first.
-    let mut basis_of = vec![0.0; directions * MAX_BANDS * MAX_BANDS];
-    basis_of.par_chunks_mut(MAX_BANDS * MAX_BANDS).enumerate().for_each(|(d, out)| {
-        let axes = [DVec3::X, DVec3::Y, DVec3::Z, -DVec3::X, -DVec3::Y, -DVec3::Z];
-        let golden = 0.5 * (5.0f64.sqrt() - 1.0);
-        let spiral = direction((d as f64 + 0.5) / directions as f64, d as f64 * golden % 1.0);
-        basis::evaluate(MAX_BANDS, axes.get(d).copied().unwrap_or(spiral).to_array(), out);
-    });
+    // The basis once for all skies, in blocks of directions, coefficient by coefficient: fewer bands are a
+    // prefix. The axes come first.
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z, -DVec3::X, -DVec3::Y, -DVec3::Z];
+    let golden = 0.5 * (5.0f64.sqrt() - 1.0);
+    let basis_of: Vec<Vec<f64>> = (0..directions.div_ceil(BLOCK))
+        .into_par_iter()
+        .map(|block| {
+            let mut values = vec![0.0; BLOCK * MAX_BANDS * MAX_BANDS];
+            let mut y = [0.0; MAX_BANDS * MAX_BANDS];
+            for lane in 0..BLOCK {
+                let d = block * BLOCK + lane;
+                let spiral = direction((d as f64 + 0.5) / directions as f64 % 1.0, d as f64 * golden % 1.0);
+                basis::evaluate(MAX_BANDS, axes.get(d).copied().unwrap_or(spiral).to_array(), &mut y);
+                for (i, y) in y.iter().enumerate() {
+                    values[i * BLOCK + lane] = *y;
+                }
+            }
+            values
+        })
+        .collect();
     let outcomes: Vec<Outcome> =
-        (0..skies as u64).into_par_iter().map(|i| judge(i, &basis_of, directions)).collect::<isolume::Result<_>>()?;
+        (0..skies as u64).into_par_iter().map(|i| judge(i, &basis_of)).collect::<isolume::Result<_>>()?;
     println!("bands,skies,least_over_mean,least_floor_over_mean,median_contrast_kept,not_finite");
     let mut bad = 0;
     for bands in 1..=MAX_BANDS {
