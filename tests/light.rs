@@ -5,7 +5,7 @@ use isolume::geom::Up;
 use isolume::level::{Counts, LevelField, Outcome, Pyramid, Start};
 use isolume::probe::{self, Orientation, Probe, SunOptions, split_sun};
 use isolume::relight::{Light, Material, contract, prepare, texels_of_isosurface};
-use isolume::render::{SunLight, sun_visibility};
+use isolume::render::{Camera, Projection, RenderOptions, SunLight, View, render, render_with_suns, sun_visibility};
 use isolume::sampling::{DirectionalSource, PathSampler};
 use isolume::sh::{Window, basis};
 use isolume::surface::{Mesh, extract_with_normals};
@@ -309,4 +309,35 @@ fn sun_visibility_is_exact_on_a_sphere_over_a_plane() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     assert_eq!(pool.install(|| run(&sun(20.0, 64))), soft, "for any number of threads");
     assert_eq!(scene.volume.up, Up::Z);
+}
+
+#[test]
+fn previews_show_the_shadow_of_a_split_sun() {
+    let scene = Scene::new("sphere-over-plane:48", 0.0, Layers::uniform(1, 1).unwrap(), 4, true);
+    let volume = &scene.volume;
+    let black = Light::constant([0.0; 3]);
+    let material = Material::new([0.5, 0.25, 0.0], [0.0; 3]).unwrap();
+    let contracted = contract(&scene.texture, &scene.selection.bricks(), &black, &material).unwrap();
+    let top = View::named("top").unwrap();
+    let camera = Camera::framing(&volume.world_bounds(), volume.up, top, Projection::Orthographic, 1.0);
+    let options = RenderOptions { width: 64, height: 64, supersampling: 1 };
+    let towards = DVec3::new(0.6, 0.0, 0.8);
+    let sun = SunLight { direction_in_world: towards, angular_radius: 0.005, flux: [2.0; 3], rays: 4 };
+    let dark = render(volume, &scene.pyramid, 0.0, &contracted, &black, &material, &camera, &options);
+    let suns = [sun; 2];
+    let one =
+        render_with_suns(volume, &scene.pyramid, 0.0, &contracted, &black, &material, &camera, &options, &suns[..1]);
+    let two = render_with_suns(volume, &scene.pyramid, 0.0, &contracted, &black, &material, &camera, &options, &suns);
+    assert!(dark.pixels.iter().all(|p| p[..3] == [0.0; 3]));
+    // On the open plane ρ/π · flux · 0.8; in the shadow, a disk of radius 0.5 in a plane of 3 × 3, nothing.
+    let open = 0.5 / std::f32::consts::PI * 2.0 * 0.8;
+    let (mut lit, mut shadow) = (0, 0);
+    for (p, q) in one.pixels.iter().zip(&two.pixels).filter(|(p, _)| p[3] == 1.0) {
+        lit += u32::from((p[0] / open - 1.0).abs() < 0.01);
+        shadow += u32::from(p[0] == 0.0);
+        assert!((p[0] - 2.0 * p[1]).abs() < 1e-6 && p[2] == 0.0 && p[0] <= open / 0.8 * 1.001);
+        assert!((q[0] - 2.0 * p[0]).abs() < 1e-6);
+    }
+    assert!(lit > 2000 && (50..600).contains(&shadow), "{lit} lit, {shadow} in shadow");
+    assert!(one.counts.rays > dark.counts.rays && two.counts.rays > one.counts.rays);
 }
