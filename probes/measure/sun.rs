@@ -45,7 +45,7 @@ fn level_field<'a>(volume: &'a Volume, pyramid: &'a Pyramid) -> LevelField<'a, f
 }
 
 fn baked(volume: &Volume, pyramid: &Pyramid, selection: &Selection, layers: Layers) -> isolume::Result<MemoryTexture> {
-    let settings = Settings { layers, rays: 256, seed: 1, positive: false };
+    let settings = Settings { layers, rays: 256, seed: 1, positive: false, target: None };
     let layout = Layout { lattice: *selection.lattice(), layers: settings.layers.clone() };
     let mut texture = MemoryTexture::new(layout.clone());
     let job = Bake { volume, pyramid, layout: &layout, settings: &settings, selection };
