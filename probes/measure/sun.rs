@@ -201,7 +201,7 @@ fn row(scene: &Scene, name: &str, probe: &Probe, rays: u32) -> isolume::Result<(
         error(&scene.all, &apart, &suns, 1)?,
         error(&scene.all, &certified, &suns, 1)?,
     ];
-    let share: f64 = split.suns.iter().map(|s| 100.0 * s.flux_share).sum();
+    let share = split.suns.iter().fold(0.0, |sum, s| sum + 100.0 * s.flux_share);
     let numbers: Vec<String> = columns.iter().map(|v| format!("{v:.2}")).collect();
     println!("{},{name},{},{share:.0},{}", scene.volume.name, suns.len(), numbers.join(","));
     Ok(())
