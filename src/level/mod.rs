@@ -139,11 +139,13 @@ impl<'v, T: Sample> LevelField<'v, T> {
     /// first, in the order of `rows`.
     #[inline(always)]
     fn corners_at(&self, first: usize) -> ([f32; 4], [f32; 4]) {
-        let pairs = self.rows.map(|r| {
+        // Written out: `array::map` is a call here, and this is the innermost loop.
+        let pair = |r: usize| {
             let pair = &self.samples[first + r..first + r + 2];
             [pair[0].raw(), pair[1].raw()]
-        });
-        (pairs.map(|p| p[0]), pairs.map(|p| p[1]))
+        };
+        let [a, b, c, d] = [pair(self.rows[0]), pair(self.rows[1]), pair(self.rows[2]), pair(self.rows[3])];
+        ([a[0], b[0], c[0], d[0]], [a[1], b[1], c[1], d[1]])
     }
 
     /// Raw samples at the eight corners of a cell.
