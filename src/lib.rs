@@ -1,4 +1,78 @@
-//! isolume: precomputed light transfer on every isosurface of a volume.
+//! Precomputed light transfer on every isosurface of a volume: bake once, then relight any isosurface by any
+//! distant environment, as dot products.
+//!
+//! This page is the map: read it in five minutes and you know where a change belongs. What a word means in
+//! numbers is stated once, in the module named.
+//!
+//! # Data path
+//! ```text
+//! volume file ─volume::open→ Volume ─level::Pyramid→ scene::plan → transport::bake → bricks ─transfer::store→ disk
+//!                                                                       (once, no light in hand)
+//! environment ─probe::open→ image ─project, rotate→ relight::Light ┐
+//! Volume ─surface::extract(c)→ Mesh ─positions─────────────────────┴→ relight → vertex colours ─export→ .glb .ply
+//!                                                                       (often, in milliseconds)
+//! Volume, light ─render→ preview picture ─export→ .png
+//! ```
+//! The transfer of a texel does not know the light: exitant radiance of the level set {h = c} at x, a Lambertian
+//! surface of albedo ρ, is Σ_k ρ^(k+1) ⟨T_k(x), L⟩ with one vector T_k for light that was reflected k times on
+//! its way. In flattened transport a ray sees only its own level set, so a colour that depends on the isovalue
+//! alone is exact too: relighting *and* recolouring never trace a ray.
+//!
+//! # Words
+//! * **h**: the scalar field, trilinear between samples, vertex-centred ([`volume`]).
+//! * **c**: an isovalue, always in the file's values where it crosses the interface ([`volume`]).
+//! * **solid**: {h > c}, or {h < c} with [`volume::Solid::Below`]; light lives on the other side ([`volume`]).
+//! * **texel**: a point of the texture lattice; its level set is the one through it ([`transfer`], [`level`]).
+//! * **layer** k: light reflected k times, T_k, grey and free of albedo ([`transfer`]).
+//! * **degree** l ≤ l_max, **bands** n = l_max + 1, n² coefficients ([`sh`]).
+//! * **probe**: a distant environment, linear radiance ([`probe`]).
+//!
+//! # Spaces
+//! *grid* (voxel index) → *world* (the file's frame and unit, by an affine `world_from_grid` that may be oblique
+//! and left-handed) → *glTF* (Y-up, right-handed, by [`geom::Up`]). Environments live in the glTF frame; transfer
+//! lives in world axes, and a probe's coefficients are rotated into world, never the transfer. A gradient is a
+//! covector. The space is in the name: `hit_in_world`, `world_from_grid`; in a product the inner names meet.
+//!
+//! # Units
+//! World coordinates are in the file's unit ([`volume::LengthUnit`] says how many metres that is, if known).
+//! Radiance is linear Rec.709 in the unit of the environment. Angles are radians inside and degrees on the command
+//! line. Exposure is in stops.
+//!
+//! # Spherical harmonics
+//! Real, orthonormal, without the Condon-Shortley sign in the result, index l(l+1)+m: Y_1,-1 = 0.488603 y,
+//! Y_1,0 = 0.488603 z, Y_1,1 = 0.488603 x. Stated in [`sh`].
+//!
+//! # Who may use whom
+//! A module uses only modules above it, and not those in the last column; `tests/layering.rs` enforces it.
+//!
+//! | module | holds | knows nothing of |
+//! |---|---|---|
+//! | [`error`] | the one error type; errors are values | everything else |
+//! | [`geom`] | directions, normals as covectors, frames, boxes, affine maps | everything else |
+//! | [`sampling`] | numbers by their index, Owen-Sobol points, warps in threes, statistics, `DirectionalSource` | volumes, SH, threads, the clock |
+//! | [`sh`] | basis, coefficients, projection, rotation, windows | colour, images, volumes |
+//! | [`volume`] | samples and grid, readers from `impl Read`, analytic fields | light, rays |
+//! | [`level`] | rays with an isovalue for life, the min/max pyramid, roots in a cell, B-spline normals | light, SH, random numbers |
+//! | [`scene`] | materials over the isovalue, the encoding of colours, the plan of effects | solvers' insides |
+//! | [`transfer`] | lattice, layers, bricks, selections, the store on disk | how transfer was computed; probes |
+//! | [`transport`] | the estimator, error bars, the one parallel loop | probes, meshes, files |
+//! | [`probe`] | environment images, skies, projection, orientation | volumes, transfer |
+//! | [`surface`] | extraction of watertight meshes | light, SH, transfer |
+//! | [`relight`] | the runtime: contraction, lookup, albedo, emission, exposure | rays, solvers, files |
+//! | [`render`] | camera rays for previews | solvers |
+//! | [`export`] | GLB, PLY, PNG, contact sheets, atomic files | volumes, SH, light |
+//! | [`cli`] | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
+//!
+//! # Habits that bind
+//! * The same bytes for any number of threads: each parallel item writes its own slot, sums run in a fixed order,
+//!   a random number is a pure function of (seed, texel, replicate, path, bounce). No platform mathematics in
+//!   solver code: the crate `libm`.
+//! * Errors are values ([`Error`]); a panic is a bug. The library never prints, exits or reads the clock.
+//! * A texel can be replayed alone (`isolume bake --replay-texel x,y,z`, [`transport::replay`]).
+//!
+//! # Start here
+//! `examples/bake.rs`, `examples/relight.rs` and `examples/custom_field.rs` use the public interface alone, each in
+//! under sixty lines.
 
 pub mod error;
 pub mod geom;

@@ -1,3 +1,7 @@
-//! The isolume program; everything is in [`isolume::cli`].
+//! The program `isolume`: everything is in the library, see [`isolume::cli`].
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    isolume::cli::main()
+}

@@ -141,13 +141,33 @@ fn private_uses(files: &[File]) -> Vec<String> {
     let library = files.iter().filter(|f| !["cli", "main"].contains(&f.module()));
     let public: BTreeSet<&str> = library.clone().flat_map(|f| f.items(false)).collect();
     let private: BTreeSet<&str> = library.flat_map(|f| f.items(true)).filter(|n| !public.contains(n)).collect();
+    let own: BTreeSet<&str> =
+        files.iter().filter(|f| f.module() == "cli").flat_map(|f| f.items(true).chain(f.items(false))).collect();
     let mut found = Vec::new();
     for file in files.iter().filter(|f| f.module() == "cli") {
-        let own: BTreeSet<&str> = file.items(true).chain(file.items(false)).collect();
-        for pair in file.tokens.windows(2) {
-            let name = pair[1].text.as_str();
-            if [".", "::"].contains(&pair[0].text.as_str()) && private.contains(name) && !own.contains(name) {
-                found.push(file.at(pair[1].line, &format!("cli uses the public API only, and {name} is pub(crate)")));
+        let mut refuse = |line: usize, name: &str| {
+            found.push(file.at(line, &format!("cli uses the public API only, and {name} is pub(crate)")));
+        };
+        for path in file.crate_paths() {
+            let outside = path.segments.first().is_some_and(|first| first != "cli");
+            if let Some(name) = path.segments.iter().find(|name| outside && private.contains(name.as_str())) {
+                refuse(path.line, name);
+            }
+        }
+        // Paths through a module that was imported.
+        for (index, pair) in file.tokens.windows(3).enumerate() {
+            let name = pair[2].text.as_str();
+            // `super::surface` is a module of cli.
+            let inner = index > 0 && file.tokens[index - 1].text == "::";
+            if !inner && position(&pair[0].text).is_some() && pair[1].text == "::" && private.contains(name) {
+                refuse(pair[2].line, name);
+            }
+        }
+        // Methods; what a method belongs to is not known here, so names of its own are passed over.
+        for call in file.tokens.windows(3) {
+            let name = call[1].text.as_str();
+            if call[0].text == "." && call[2].text == "(" && private.contains(name) && !own.contains(name) {
+                refuse(call[1].line, name);
             }
         }
     }

@@ -1,10 +1,10 @@
 //! How fast the transport fills a texture, without storing it.
 //!
-//! `cargo run --release --example measure-bake -- VOLUME [RAYS] [LAYERS] [RATIO]`
+//! `cargo run --release --example measure-bake -- VOLUME [RAYS] [LAYERS] [RATIO] [ERROR]`
 
 use isolume::level::Pyramid;
 use isolume::transfer::{Lattice, Layers, Layout, Selection};
-use isolume::transport::{Bake, Progress, Settings, bake};
+use isolume::transport::{Bake, Progress, Settings, Target, bake};
 use std::path::Path;
 use std::time::Instant;
 
@@ -24,6 +24,12 @@ fn main() -> isolume::Result<()> {
         rays: number(1, 64.0) as u32,
         seed: 1,
         positive: false,
+        target: None,
+    };
+    let target = number(4, 0.0) as f32;
+    let settings = match target {
+        0.0 => settings,
+        error => Settings { target: Some(Target::escape(&settings.layers, error)), ..settings },
     };
     let lattice = Lattice::from_ratio(volume.dims(), number(3, 1.0))?;
     let layout = Layout { lattice, layers: settings.layers.clone() };
@@ -50,9 +56,11 @@ fn main() -> isolume::Result<()> {
     println!("per ray: {:.2} nodes, {:.2} cells, {:.2} solves", per_ray(c.nodes), per_ray(c.cells), per_ray(c.solves));
     println!("a_k {:?}, lost {:.5}", summary.mean_escapes(), summary.lost_share());
     println!(
-        "standard error of sum a_k: median {:.3}, 95th percentile {:.3}, RMS {:.5}",
-        summary.escape_stderr_quantile(0.5),
-        summary.escape_stderr_quantile(0.95),
+        "paths a texel {:.1}; standard error of sum a_k: median {:.4}, 95th percentile {:.4}, largest {:.4}, RMS {:.5}",
+        (summary.paths + summary.pilot_paths) as f64 / summary.valid.max(1) as f64,
+        summary.errors.quantile(0.5),
+        summary.errors.quantile(0.95),
+        summary.errors.quantile(1.0),
         summary.escape_stderr_rms()
     );
     Ok(())

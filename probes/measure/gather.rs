@@ -61,7 +61,7 @@ impl Scene {
     }
 
     fn settings(&self, rays: u32, seed: u64) -> Settings {
-        Settings { layers: self.layout.layers.clone(), rays, seed, positive: false }
+        Settings { layers: self.layout.layers.clone(), rays, seed, positive: false, target: None }
     }
 
     /// A bake in memory by `path`, its totals and its CPU seconds.

@@ -18,6 +18,7 @@
 
 pub mod cell;
 mod gradient;
+mod march;
 mod pyramid;
 mod texel;
 pub mod trace;
@@ -128,13 +129,29 @@ impl<'v, T: Sample> LevelField<'v, T> {
         CellPoint { cell, local }
     }
 
-    /// Raw samples at the eight corners of a cell: x = 0 face first, in the order of `rows`.
+    /// Index of the first sample of a cell.
+    #[inline(always)]
+    fn sample_index(&self, cell: &[i32; 3]) -> usize {
+        cell[0] as usize + self.dims[0] * (cell[1] as usize + self.dims[1] * cell[2] as usize)
+    }
+
+    /// Raw samples at the eight corners of the cell whose first sample has this index: x = 0 face
+    /// first, in the order of `rows`.
+    #[inline(always)]
+    fn corners_at(&self, first: usize) -> ([f32; 4], [f32; 4]) {
+        // Written out: `array::map` is a call here, and this is the innermost loop.
+        let pair = |r: usize| {
+            let pair = &self.samples[first + r..first + r + 2];
+            [pair[0].raw(), pair[1].raw()]
+        };
+        let [a, b, c, d] = [pair(self.rows[0]), pair(self.rows[1]), pair(self.rows[2]), pair(self.rows[3])];
+        ([a[0], b[0], c[0], d[0]], [a[1], b[1], c[1], d[1]])
+    }
+
+    /// Raw samples at the eight corners of a cell.
     #[inline(always)]
     fn corners(&self, cell: IVec3) -> ([f32; 4], [f32; 4]) {
-        let base = cell.x as usize + self.dims[0] * (cell.y as usize + self.dims[1] * cell.z as usize);
-        let low = self.rows.map(|r| self.samples[base + r].raw());
-        let high = self.rows.map(|r| self.samples[base + r + 1].raw());
-        (low, high)
+        self.corners_at(self.sample_index(&cell.to_array()))
     }
 
     /// Trilinear raw value at a point.

@@ -13,7 +13,13 @@ pub const LEVEL_SHIFTS: [u32; 3] = [2, 3, 5];
 #[derive(Clone, Debug)]
 pub struct Pyramid {
     levels: [Level; 3],
+    // Per octant of directions (bit a set: falling along axis a) and block of level OCTANT_LEVEL: the maximum
+    // over all blocks that a ray from that block can still meet.
+    ahead: [Vec<f32>; 8],
 }
+
+/// The level on which [`Pyramid::ahead`] is kept: blocks of 8 cells, 1 MB for all octants at 256³.
+const OCTANT_LEVEL: usize = 1;
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Level {
@@ -36,7 +42,8 @@ impl Pyramid {
         let lowest = with_samples!(volume.samples(), s => Self::scan(s, volume.dims(), sign));
         let middle = coarsen(&lowest, 1 << (LEVEL_SHIFTS[1] - LEVEL_SHIFTS[0]));
         let top = coarsen(&middle, 1 << (LEVEL_SHIFTS[2] - LEVEL_SHIFTS[1]));
-        Self { levels: [lowest, middle, top] }
+        let ahead = std::array::from_fn(|octant| look_ahead(&middle, octant));
+        Self { levels: [lowest, middle, top], ahead }
     }
 
     fn scan<T: Sample>(samples: &[T], dims: [usize; 3], sign: f32) -> Level {
@@ -83,12 +90,44 @@ impl Pyramid {
         &self.levels[level]
     }
 
+    /// The largest s·raw that a ray can meet once it is in the block of 8 cells that holds `cell`, if it goes
+    /// towards `octant` (bit a set: falling along axis a). Where that is at most the isovalue, the ray escapes.
+    #[inline(always)]
+    pub(crate) fn ahead(&self, octant: usize, cell: [usize; 3]) -> f32 {
+        let shift = LEVEL_SHIFTS[OCTANT_LEVEL];
+        self.ahead[octant][self.levels[OCTANT_LEVEL].index(cell.map(|c| c >> shift))]
+    }
+
     /// Smallest and largest s·raw of the lowest-level block that holds a cell.
     pub fn block_range(&self, cell: [usize; 3]) -> (f32, f32) {
         let level = &self.levels[0];
         let at = level.index(cell.map(|c| c >> LEVEL_SHIFTS[0]));
         (level.min[at], level.max[at])
     }
+}
+
+/// Maximum over all blocks ahead of each, itself included, for rays of one octant.
+fn look_ahead(level: &Level, octant: usize) -> Vec<f32> {
+    let mut ahead = level.max.clone();
+    let [bx, by, bz] = level.dims;
+    // From the far end towards where rays come from, so that the neighbours ahead are done.
+    let order = |axis: usize, n: usize, i: usize| if octant >> axis & 1 == 1 { i } else { n - 1 - i };
+    for k in 0..bz {
+        for j in 0..by {
+            for i in 0..bx {
+                let block = [order(0, bx, i), order(1, by, j), order(2, bz, k)];
+                let at = level.index(block);
+                for (axis, step) in [i, j, k].into_iter().enumerate() {
+                    if step > 0 {
+                        let mut next = block;
+                        next[axis] = if octant >> axis & 1 == 1 { block[axis] - 1 } else { block[axis] + 1 };
+                        ahead[at] = ahead[at].max(ahead[level.index(next)]);
+                    }
+                }
+            }
+        }
+    }
+    ahead
 }
 
 fn coarsen(fine: &Level, factor: usize) -> Level {

@@ -3,6 +3,7 @@
 use super::{CellPoint, LevelField, Start};
 use crate::geom::Normal;
 use crate::volume::Sample;
+use glam::Vec3;
 
 /// The inner part of the local range that a texel's isovalue is clamped to.
 ///
@@ -16,10 +17,14 @@ const INNER_RANGE: f32 = 0.6;
 /// would be lost.
 const FLAT: f32 = 1e-4;
 
+/// How far a clamped start that lies in the solid may move out to its surface, in samples. The
+/// isovalue is a value of the 3³ neighbourhood, so its surface is near, seldom beyond this.
+const MOST_MOVED: f32 = 3.0;
+
 /// The level set through a texel.
 #[derive(Clone, Copy, Debug)]
 pub struct Site {
-    /// Where its rays start.
+    /// Where its rays start: the texel itself, or where a clamped one in the solid meets its surface.
     pub start: Start,
     /// Its isovalue, as a raw sample.
     pub isovalue: f32,
@@ -50,8 +55,51 @@ impl<T: Sample> LevelField<'_, T> {
         let margin = 0.5 * (1.0 - INNER_RANGE) * range;
         let isovalue = value.clamp(low + margin, high - margin);
         let clamped = isovalue != value;
-        let start = if clamped { Start::beside(point) } else { Start::on(point) };
+        let start = match clamped {
+            false => Start::on(point),
+            true => self.surfaced(point, isovalue, normal).map_or(Start::beside(point), Start::on),
+        };
         Some(Site { start, isovalue, normal, clamped })
+    }
+
+    /// Where a start in the solid meets its surface along the normal; `None` for a start on the lit
+    /// side, which is good where it is, and where the surface is not near.
+    ///
+    /// On a plateau of coarsely quantised data the surface lies some samples away, and rays that start
+    /// that deep hardly ever come out within the cells that the tracer allows. Ambient error at 0.25
+    /// levels a sample, of which all texels are clamped: sphere 8.0 → 2.1 %, bowl 8.0 → 4.0 %; at 0.5
+    /// levels 1.48 → 1.43 % and 3.84 → 3.79 %. Moving starts on the lit side makes it worse.
+    fn surfaced(&self, start: CellPoint, isovalue: f32, normal: Normal) -> Option<CellPoint> {
+        const STEP: f32 = 0.25;
+        const BISECTIONS: usize = 20;
+        let along = self.direction_in_grid(normal.vec());
+        let along = along / along.length();
+        let from = start.in_grid();
+        let at = |distance: f32| -> CellPoint {
+            let p: Vec3 = from + along * distance;
+            self.locate([f64::from(p.x), f64::from(p.y), f64::from(p.z)])
+        };
+        let solid = |point: &CellPoint| self.sign * (self.raw_value(point) - isovalue) > 0.0;
+        if !solid(&start) {
+            return None;
+        }
+        let mut outside = STEP;
+        while solid(&at(outside)) {
+            outside += STEP;
+            if outside > MOST_MOVED {
+                return None;
+            }
+        }
+        let mut inside = outside - STEP;
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (inside + outside);
+            if solid(&at(middle)) {
+                inside = middle;
+            } else {
+                outside = middle;
+            }
+        }
+        Some(at(outside))
     }
 
     /// Range of the raw samples in the 3³ neighbourhood of the sample nearest to a point.

@@ -1,11 +1,7 @@
 //! The march of a ray to its first hit on its own level set.
-//!
-//! Integer cells and blocks: the ray's parameter at a grid plane is computed from the plane and
-//! the start each time, never accumulated, and on leaving a block the coordinates that did not
-//! change block are clamped to it. So a ray visits a connected chain of cells, whatever rounding
-//! does, and values at the shared faces agree in sign up to the sign carry.
 
 use super::cell::{self, Cubic};
+use super::march::March;
 use super::{CellPoint, LEVEL_SHIFTS, LevelField};
 use crate::volume::Sample;
 use glam::{IVec3, Vec3, Vec4};
@@ -47,11 +43,11 @@ pub struct Hit {
 /// What became of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outcome {
-    /// It reached the border of the box.
+    /// It reached the border of the box on the lit side.
     Escaped,
     /// It met its level set from the lit side.
     Hit(Hit),
-    /// It started inside the solid and did not get out.
+    /// It started inside the solid and did not get out, within [`MAX_BURIED_CELLS`] or before the border.
     Lost,
 }
 
@@ -93,22 +89,23 @@ enum Side {
 /// What one cell did to a ray.
 enum Passed {
     On(Side),
-    Hit(f32),
+    Hit(CellPoint),
 }
 
-/// A ray in grid space, relative to its start cell.
-struct March {
-    origin: Vec3,
-    inverse: Vec3,
-    step: IVec3,
+/// What the pyramid knows of a ray that has just entered a block.
+enum Ahead {
+    /// Nothing solid in any direction that the ray may still take: it escapes.
+    Nothing,
+    /// Nothing solid in the block of this power of two, the largest of those just entered.
+    Empty(u32),
+    /// The block has to be marched.
+    Something,
 }
 
-impl March {
-    /// Parameter at which the ray meets the plane `plane` (relative to the start cell) of `axis`.
-    #[inline(always)]
-    fn at_plane(&self, axis: usize, plane: i32) -> f32 {
-        (plane as f32 - self.origin[axis]) * self.inverse[axis]
-    }
+/// What one cubic did to a ray.
+enum Crossed {
+    No(Side),
+    Rise(f32),
 }
 
 impl<T: Sample> LevelField<'_, T> {
@@ -116,184 +113,166 @@ impl<T: Sample> LevelField<'_, T> {
     /// level set of the raw isovalue `isovalue` to its first hit.
     ///
     /// The start must lie in the box. The result does not depend on the length of `direction`
-    /// beyond rounding.
+    /// beyond rounding; components below 2⁻¹⁰⁰ of the largest count as 0.
     #[inline]
     pub fn trace(&self, isovalue: f32, start: &Start, direction: Vec3, counts: &mut Counts) -> Outcome {
         counts.rays += 1;
         let signed = self.sign * isovalue;
-        let cell0 = start.at.cell;
-        let mut march = March { origin: start.at.local, inverse: direction.recip(), step: IVec3::ONE };
-        // First and last cell of the box, relative to the start cell.
-        let lowest = -cell0;
-        let highest = IVec3::new(self.dims[0] as i32 - 2, self.dims[1] as i32 - 2, self.dims[2] as i32 - 2) - cell0;
-        for a in 0..3 {
-            if direction[a] < 0.0 {
-                march.step[a] = -1;
-            }
-        }
-        // Never meets a plane of such an axis.
-        let parallel = direction.abs().cmplt(Vec3::splat(f32::MIN_POSITIVE * 4.0));
+        let last = self.dims.map(|n| n as i32 - 2);
+        // Samples from a cell to the next along each axis.
+        let mut march = March::new(&start.at, direction);
+        let stride = [0, 1, 2].map(|a| if march.upper[a] == 1 { 1 } else { 1usize.wrapping_neg() });
+        let stride = [stride[0], stride[1].wrapping_mul(self.rows[1]), stride[2].wrapping_mul(self.rows[2])];
+        let octant = (0..3).fold(0, |octant, a| octant | usize::from(march.upper[a] == 0) << a);
         let mut side = if start.on_surface { Side::Start } else { Side::Unknown };
         let mut buried = 0u32;
-        let mut cell = IVec3::ZERO;
-        let mut entry = start.at.local;
-        let mut entered_at = 0.0f32;
-        // The coarsest level whose block has not been looked at since it was entered, plus one.
-        let mut untested = LEVEL_SHIFTS.len();
+        let mut sample = self.sample_index(&march.cell);
         loop {
-            // Which block may be skipped?
-            let mut shift = 0;
-            if side == Side::Out || side == Side::Start {
-                let absolute = cell + cell0;
-                while untested > 0 {
-                    let level = self.pyramid.level(untested - 1);
-                    let s = LEVEL_SHIFTS[untested - 1];
-                    counts.nodes += 1;
-                    let at = level.index([
-                        (absolute.x >> s) as usize,
-                        (absolute.y >> s) as usize,
-                        (absolute.z >> s) as usize,
-                    ]);
-                    if level.max[at] <= signed {
-                        shift = s;
-                        break;
+            // Cell by cell to the border of the smallest block.
+            let mut axis;
+            loop {
+                axis = March::first(&march.far);
+                let moved = march.far[axis] > march.entered_at;
+                // On the surface and not moved yet: nothing is decided in a cell of no length.
+                if moved || side != Side::Start {
+                    counts.cells += 1;
+                    match self.pass_cell(&march, sample, axis, isovalue, side, counts) {
+                        Passed::Hit(at) => return Outcome::Hit(Hit { at }),
+                        Passed::On(next) => side = next,
                     }
-                    untested -= 1;
-                }
-            } else {
-                untested = 0;
-            }
-            // Where does the ray leave the block or cell?
-            let base = if shift == 0 { cell } else { (((cell + cell0) >> shift) << shift) - cell0 };
-            let far = base + IVec3::splat(1 << shift);
-            let planes = IVec3::new(
-                if march.step.x > 0 { far.x } else { base.x },
-                if march.step.y > 0 { far.y } else { base.y },
-                if march.step.z > 0 { far.z } else { base.z },
-            );
-            let mut leave =
-                Vec3::new(march.at_plane(0, planes.x), march.at_plane(1, planes.y), march.at_plane(2, planes.z));
-            leave = Vec3::select(parallel, Vec3::INFINITY, leave);
-            let axis = if leave.x <= leave.y {
-                if leave.x <= leave.z { 0 } else { 2 }
-            } else if leave.y <= leave.z {
-                1
-            } else {
-                2
-            };
-            let left_at = leave[axis].max(entered_at);
-            let plane = planes[axis];
-            let at_exit = march.origin + direction * left_at;
-
-            if shift == 0 {
-                counts.cells += 1;
-                let mut exit = (at_exit - cell.as_vec3()).clamp(Vec3::ZERO, Vec3::ONE);
-                exit[axis] = if march.step[axis] > 0 { 1.0 } else { 0.0 };
-                match self.pass_cell(cell + cell0, isovalue, entry, exit, side, left_at > entered_at, counts) {
-                    Passed::Hit(t) => {
-                        let local = (entry + (exit - entry) * t).clamp(Vec3::ZERO, Vec3::ONE);
-                        return Outcome::Hit(Hit { at: CellPoint { cell: cell + cell0, local } });
-                    }
-                    Passed::On(next) => side = next,
-                }
-                if side == Side::In {
-                    buried += 1;
-                    if buried > MAX_BURIED_CELLS {
-                        return Outcome::Lost;
+                    // Cells of no length do not count: how many there are depends on the name of a corner.
+                    if side == Side::In && moved {
+                        buried += 1;
+                        if buried > MAX_BURIED_CELLS {
+                            return Outcome::Lost;
+                        }
                     }
                 }
-            }
-
-            // Step over the plane.
-            let next = if march.step[axis] > 0 { plane } else { plane - 1 };
-            if next < lowest[axis] || next > highest[axis] {
-                return Outcome::Escaped;
-            }
-            if shift == 0 {
-                cell[axis] = next;
-            } else {
-                // Truncation is the floor for what lies in the block; the clamp mends the rest.
-                if left_at > entered_at {
-                    side = Side::Out;
+                march.cross(axis);
+                let cell = march.cell[axis];
+                if cell as u32 > last[axis] as u32 {
+                    // The border is open to light, not to the solid: photons that would enter here are discarded.
+                    return if side == Side::In { Outcome::Lost } else { Outcome::Escaped };
                 }
-                let inside = (at_exit - base.as_vec3()).as_ivec3() + base;
-                cell = inside.clamp(base, (far - IVec3::ONE).min(highest));
-                cell[axis] = next;
+                sample = sample.wrapping_add(stride[axis]);
+                // The first cell behind a plane between blocks.
+                if (cell + 1 - march.upper[axis]) & ((1 << LEVEL_SHIFTS[0]) - 1) == 0 && side == Side::Out {
+                    break;
+                }
             }
-            entered_at = left_at;
-            entry = (at_exit - cell.as_vec3()).clamp(Vec3::ZERO, Vec3::ONE);
-            entry[axis] = if march.step[axis] > 0 { 0.0 } else { 1.0 };
-            // The plane just crossed tells which blocks are new.
-            let alignment = (plane + cell0[axis]).trailing_zeros();
-            untested = untested.max(LEVEL_SHIFTS.iter().filter(|&&s| alignment >= s).count());
+            // Block by block while they hold nothing solid. The plane just crossed tells which
+            // blocks are new; the others have been looked at.
+            let mut skipped = false;
+            loop {
+                let shift = match self.ahead(&march, axis, octant, signed, counts) {
+                    Ahead::Nothing => return Outcome::Escaped,
+                    Ahead::Empty(shift) => shift,
+                    Ahead::Something => break,
+                };
+                axis = march.cross_block(shift, &last);
+                if march.cell[axis] as u32 > last[axis] as u32 {
+                    return Outcome::Escaped;
+                }
+                skipped = true;
+            }
+            if skipped {
+                march.face_cell();
+                sample = self.sample_index(&march.cell);
+            }
         }
     }
 
-    /// Carries the side through one cell, from `entry` to `exit` (local).
+    /// What lies behind the plane of `axis` that was just crossed, as far as the pyramid knows.
+    #[inline(always)]
+    fn ahead(&self, march: &March, axis: usize, octant: usize, signed: f32, counts: &mut Counts) -> Ahead {
+        let plane = march.cell[axis] + 1 - march.upper[axis];
+        let alignment = plane.trailing_zeros();
+        let [x, y, z] = march.cell.map(|c| c as usize);
+        if alignment >= LEVEL_SHIFTS[1] {
+            counts.nodes += 1;
+            if self.pyramid.ahead(octant, [x, y, z]) <= signed {
+                return Ahead::Nothing;
+            }
+        }
+        for (i, shift) in LEVEL_SHIFTS.into_iter().enumerate().rev() {
+            if shift > alignment {
+                continue;
+            }
+            counts.nodes += 1;
+            let level = self.pyramid.level(i);
+            if level.max[level.index([x >> shift, y >> shift, z >> shift])] <= signed {
+                return Ahead::Empty(shift);
+            }
+        }
+        Ahead::Something
+    }
+
+    /// Carries the side through the cell that the march is in, with its first sample at index
+    /// `sample`, and leaves through `axis`.
     #[inline(always)]
     fn pass_cell(
         &self,
-        cell: IVec3,
+        march: &March,
+        sample: usize,
+        axis: usize,
         isovalue: f32,
-        entry: Vec3,
-        exit: Vec3,
         side: Side,
-        moved: bool,
         counts: &mut Counts,
     ) -> Passed {
-        let (low, high) = self.corners(cell);
+        let (low, high) = self.corners_at(sample);
         let c = Vec4::splat(isovalue);
         let low = (Vec4::from_array(low) - c) * self.sign;
         let high = (Vec4::from_array(high) - c) * self.sign;
-        if side == Side::Out && low.max(high).max_element() <= 0.0 {
+        if side == Side::Out && !low.max(high).cmpgt(Vec4::ZERO).any() {
             return Passed::On(Side::Out);
         }
         counts.solves += 1;
+        let entry = march.entry();
+        let exit = march.local(march.far[axis], axis, march.upper[axis]);
         let cubic = cell::along_segment(low, high, entry, exit);
-        if side == Side::Out {
-            return match cell::first_rise(&cubic) {
-                Some(t) => Passed::Hit(t),
-                None => Passed::On(Side::Out),
-            };
-        }
-        Self::pass_near_start(cubic, side, moved)
-    }
-
-    /// The rare part of [`Self::pass_cell`]: the start cell, and rays inside the solid.
-    #[cold]
-    fn pass_near_start(cubic: Cubic, side: Side, moved: bool) -> Passed {
-        match side {
-            // A path of no length through a corner or edge: nothing is decided yet.
-            Side::Start if !moved => Passed::On(Side::Start),
-            Side::Start => {
-                let quotient = cell::deflate(cubic);
-                let leading = quotient.into_iter().find(|&q| q != 0.0);
-                match leading {
-                    Some(q) if q > 0.0 => leave_solid(quotient, 0.0),
-                    _ => rise_after(quotient, 0.0),
-                }
+        let crossed = if side == Side::Out { rise_after(cubic, 0.0) } else { pass_near_start(cubic, side) };
+        match crossed {
+            Crossed::Rise(t) => {
+                let local = (entry + (exit - entry) * t).clamp(Vec3::ZERO, Vec3::ONE);
+                Passed::Hit(CellPoint { cell: IVec3::from_array(march.cell), local })
             }
-            Side::Unknown if cubic[0] > 0.0 => leave_solid(cubic, 0.0),
-            Side::Unknown | Side::Out => rise_after(cubic, 0.0),
-            Side::In => leave_solid(cubic, 0.0),
+            Crossed::No(side) => Passed::On(side),
         }
     }
 }
 
-/// From inside: the first fall to the lit side on [offset, 1], then perhaps a hit behind it.
-fn leave_solid(cubic: Cubic, offset: f32) -> Passed {
+/// The start cell, and rays inside the solid.
+#[cold]
+fn pass_near_start(cubic: Cubic, side: Side) -> Crossed {
+    match side {
+        Side::Start => {
+            let quotient = cell::deflate(cubic);
+            let leading = quotient.into_iter().find(|&q| q != 0.0);
+            match leading {
+                Some(q) if q > 0.0 => leave_solid(quotient),
+                _ => rise_after(quotient, 0.0),
+            }
+        }
+        Side::Unknown if cubic[0] > 0.0 => leave_solid(cubic),
+        Side::Unknown | Side::Out => rise_after(cubic, 0.0),
+        Side::In => leave_solid(cubic),
+    }
+}
+
+/// From inside: the first fall to the lit side, then perhaps a hit behind it.
+fn leave_solid(cubic: Cubic) -> Crossed {
     let Some(t) = cell::first_rise(&cubic.map(|b| -b)) else {
-        return Passed::On(Side::In);
+        return Crossed::No(Side::In);
     };
     // What lies behind the crossing starts on the surface.
-    let rest = cell::deflate(cell::right_part(cubic, t));
-    rise_after(rest, offset + (1.0 - offset) * t)
+    rise_after(cell::deflate(cell::right_part(cubic, t)), t)
 }
 
 /// From the lit side: the first rise of the part that starts at `offset` of the segment.
-fn rise_after(cubic: Cubic, offset: f32) -> Passed {
+#[inline(always)]
+fn rise_after(cubic: Cubic, offset: f32) -> Crossed {
     match cell::first_rise(&cubic) {
-        Some(t) => Passed::Hit(offset + (1.0 - offset) * t),
-        None => Passed::On(Side::Out),
+        Some(t) => Crossed::Rise(offset + (1.0 - offset) * t),
+        None => Crossed::No(Side::Out),
     }
 }

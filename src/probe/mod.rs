@@ -8,6 +8,7 @@
 //! * [`orientation`]: how the environment stands in the world.
 //! * [`fn@project`], [`into_world`]: coefficients in the order and sign of [`crate::sh`].
 //! * [`EnvironmentSource`]: importance sampling.
+//! * [`fn@split_sun`]: the dominant lobe apart from the rest.
 //! * [`fn@report`]: the figures behind `env show`.
 //!
 //! # Frame
@@ -23,6 +24,7 @@ pub mod read;
 pub mod report;
 pub mod sky;
 pub mod source;
+pub mod sun;
 
 pub use embedded::{EMBEDDED, embedded};
 pub use latlong::LatLong;
@@ -31,6 +33,7 @@ pub use project::{into_world, project};
 pub use read::{BadPixels, Layout, Note, ReadOptions};
 pub use report::{Report, report};
 pub use source::EnvironmentSource;
+pub use sun::{NoSun, Split, SplitSun, Sun, SunOptions, split_sun};
 
 use crate::error::{Error, Result};
 use crate::sh::Coefficients;

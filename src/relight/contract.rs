@@ -14,14 +14,16 @@ pub struct Contracted {
     slots: Vec<u32>,
     // Per slot 512 × (red, green, blue, weight); weight 1 for valid texels, 0 for others, −1 for texels
     // that were never baked.
-    radiance: Vec<[f32; 4]>,
+    pub(super) radiance: Vec<[f32; 4]>,
+    // Beside each the standard error of the mean of its channels.
+    stderr: Vec<f32>,
     /// Noise of the bake as it shows under this light and material, over the valid texels contracted.
     pub noise: Noise,
     /// Largest S_∞ left out by emission at albedo 1, see [`Tail::emission`]; 0 otherwise.
     pub emission_remainder: f32,
 }
 
-/// Standard error of the contracted radiance (mean over the channels), from the stored standard errors:
+/// Standard error of the contracted radiance (mean of the channels), from the stored standard errors:
 /// σ² = Σ_k ρ^(2(k+1)) Σ_l σ_kl² Σ_m L_lm², which takes the coefficients as uncorrelated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Noise {
@@ -43,7 +45,7 @@ impl Noise {
 const NO_BRICK: u32 = u32::MAX;
 
 /// The weights of one contraction.
-struct Weights {
+pub(super) struct Weights {
     // Per coefficient: ρ^(k+1) L_i for the three channels; zero where the light has no such band.
     rows: Vec<Vec4>,
     // First coefficient of the last layer.
@@ -57,19 +59,18 @@ struct Weights {
 }
 
 impl Weights {
-    fn new(layers: &Layers, light: &Light, material: &Material) -> Self {
-        let used = light.used_bands();
+    pub(super) fn new(layers: &Layers, light: &Light, material: &Material) -> Self {
         let mut rows = vec![Vec4::ZERO; layers.coefficients()];
         let mut variance = vec![0.0; layers.errors()];
         let mut spans = Vec::new();
         let mut power = material.albedo.map(f64::from);
         for (k, &bands) in layers.bands().iter().enumerate() {
-            let reached = bands.min(used);
+            let reached = bands.min(light.used_bands(k));
             spans.push((layers.offset(k), reached * reached));
             for l in 0..reached {
                 let mut energy = 0.0;
                 for i in l * l..(l + 1) * (l + 1) {
-                    let w: [f64; 3] = std::array::from_fn(|c| power[c] * light.coefficients()[i][c]);
+                    let w: [f64; 3] = std::array::from_fn(|c| power[c] * light.coefficients(k)[i][c]);
                     rows[layers.offset(k) + i] = Vec4::new(w[0] as f32, w[1] as f32, w[2] as f32, 0.0);
                     // Variance of the mean of the channels: they share the transfer's noise.
                     energy += ((w[0] + w[1] + w[2]) / 3.0).powi(2);
@@ -86,7 +87,7 @@ impl Weights {
 
     /// Radiance of one texel, and the emission left out.
     #[inline]
-    fn texel(&self, transfer: &[f32], layers: &Layers) -> (Vec4, f32) {
+    pub(super) fn texel(&self, transfer: &[f32], layers: &Layers) -> (Vec4, f32) {
         let mut sum = Vec4::ZERO;
         let mut last = Vec4::ZERO;
         for &(offset, count) in &self.spans {
@@ -160,12 +161,14 @@ pub fn contract(
         slots[b[0] + bx * (b[1] + by * b[2])] = slot as u32;
     }
     let mut radiance = vec![[0.0, 0.0, 0.0, -1.0]; bricks.len() * BRICK_TEXELS];
+    let mut stderr = vec![0.0f32; radiance.len()];
     let totals = radiance
         .par_chunks_mut(BRICK_TEXELS)
+        .zip(stderr.par_chunks_mut(BRICK_TEXELS))
         .zip(bricks)
-        .map_init(Vec::new, |buffer, (out, &index)| {
+        .map_init(Vec::new, |buffer, ((out, errors), &index)| {
             Ok(match source.brick(index)? {
-                Some(view) => contract_brick(&view, &layout.layers, &weights, out, buffer),
+                Some(view) => contract_brick(&view, &layout.layers, &weights, out, errors, buffer),
                 None => BrickTotals::default(),
             })
         })
@@ -179,7 +182,7 @@ pub fn contract(
     }
     let n = sum.texels.max(1) as f64;
     let noise = Noise { rms: (sum.variance / n).sqrt(), mean_radiance: sum.radiance / n, texels: sum.texels };
-    Ok(Contracted { lattice: layout.lattice, slots, radiance, noise, emission_remainder: sum.left_out })
+    Ok(Contracted { lattice: layout.lattice, slots, radiance, stderr, noise, emission_remainder: sum.left_out })
 }
 
 fn contract_brick(
@@ -187,6 +190,7 @@ fn contract_brick(
     layers: &Layers,
     weights: &Weights,
     out: &mut [[f32; 4]],
+    out_errors: &mut [f32],
     buffer: &mut Vec<f32>,
 ) -> BrickTotals {
     let (coefficients, errors) = (layers.coefficients(), layers.errors());
@@ -202,7 +206,9 @@ fn contract_brick(
         stored.convert_to_f32_slice(buffer);
         let (rgb, left_out) = weights.texel(buffer, layers);
         *out = [rgb.x, rgb.y, rgb.z, 1.0];
-        totals.variance += f64::from(weights.variance(&view.stderr[t * errors..(t + 1) * errors]));
+        let variance = weights.variance(&view.stderr[t * errors..(t + 1) * errors]);
+        out_errors[t] = variance.sqrt();
+        totals.variance += f64::from(variance);
         totals.radiance += f64::from(rgb.x + rgb.y + rgb.z) / 3.0;
         totals.texels += 1;
         totals.left_out = totals.left_out.max(left_out);
@@ -214,13 +220,21 @@ impl Contracted {
     /// Radiance and weight of a texel: 1 valid, 0 without a level set, −1 never baked or not contracted.
     #[inline]
     pub(super) fn texel(&self, texel: [usize; 3]) -> [f32; 4] {
+        self.slot(texel).map_or([0.0, 0.0, 0.0, -1.0], |i| self.radiance[i])
+    }
+
+    /// Standard error of the mean of the channels of a texel; 0 where [`Self::texel`] has weight 0 or −1.
+    #[inline]
+    pub(super) fn texel_stderr(&self, texel: [usize; 3]) -> f32 {
+        self.slot(texel).map_or(0.0, |i| self.stderr[i])
+    }
+
+    #[inline]
+    fn slot(&self, texel: [usize; 3]) -> Option<usize> {
         let [bx, by, _] = self.lattice.bricks();
         let slot = self.slots[texel[0] / BRICK + bx * (texel[1] / BRICK + by * (texel[2] / BRICK))];
-        if slot == NO_BRICK {
-            return [0.0, 0.0, 0.0, -1.0];
-        }
         let inner = texel[0] % BRICK + BRICK * (texel[1] % BRICK + BRICK * (texel[2] % BRICK));
-        self.radiance[slot as usize * BRICK_TEXELS + inner]
+        (slot != NO_BRICK).then_some(slot as usize * BRICK_TEXELS + inner)
     }
 
     /// Number of bricks contracted.

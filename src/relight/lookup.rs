@@ -12,6 +12,24 @@ pub struct VertexRadiance {
     pub report: LookupReport,
 }
 
+impl VertexRadiance {
+    /// Adds the direct light of a sun that was split off the environment: ρ/π · flux · lit, where `lit` is
+    /// the mean over the sun's disk of visibility times clamped cosine at each position, and `flux` the sun's
+    /// radiance times solid angle.
+    ///
+    /// # Panics
+    /// When there are not as many `lit` as positions.
+    pub fn add_sun(&mut self, lit: &[f32], flux: [f64; 3], material: &Material) {
+        assert_eq!(lit.len(), self.radiance.len());
+        let factor = material.sun_factor(flux);
+        for (radiance, lit) in self.radiance.iter_mut().zip(lit) {
+            for c in 0..3 {
+                radiance[c] += factor[c] * lit;
+            }
+        }
+    }
+}
+
 /// How many lookups had all they needed, and what the others did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LookupReport {
@@ -39,6 +57,28 @@ impl std::ops::AddAssign for LookupReport {
 
 /// Vertices looked up by one task.
 const TASK: usize = 4096;
+
+/// Eight texels and a position between them.
+struct Cell {
+    base: [usize; 3],
+    next: [usize; 3],
+    at: [f32; 3],
+}
+
+impl Cell {
+    /// The texels with their trilinear weights; those of weight 0 are left out.
+    fn corners(&self) -> impl Iterator<Item = ([usize; 3], f32)> {
+        (0..8).filter_map(|corner| {
+            let pick = [corner & 1, corner >> 1 & 1, corner >> 2];
+            let mut w = 1.0;
+            for a in 0..3 {
+                w *= if pick[a] == 1 { self.at[a] } else { 1.0 - self.at[a] };
+            }
+            let texel = std::array::from_fn(|a| if pick[a] == 1 { self.next[a] } else { self.base[a] });
+            (w > 0.0).then_some((texel, w))
+        })
+    }
+}
 
 impl Contracted {
     /// Radiance at many positions. `normals_in_world` serve where no texel near a position is valid.
@@ -80,26 +120,11 @@ impl Contracted {
         report: &mut LookupReport,
     ) -> [f32; 3] {
         report.lookups += 1;
-        let m = self.lattice.texels();
-        let mut base = [0usize; 3];
-        let mut t = [0.0f32; 3];
-        for a in 0..3 {
-            let p = (f64::from(position_in_grid[a]) / self.lattice.step(a)).clamp(0.0, (m[a] - 1) as f64);
-            base[a] = (p as usize).min(m[a].saturating_sub(2));
-            t[a] = (p - base[a] as f64) as f32;
-        }
+        let cell = self.cell(position_in_grid);
         let mut sum = [0.0f32; 3];
         let (mut weights, mut missing, mut unbaked) = (0.0f32, false, false);
-        for corner in 0..8 {
-            let pick = [corner & 1, corner >> 1 & 1, corner >> 2];
-            let mut w = 1.0;
-            for a in 0..3 {
-                w *= if pick[a] == 1 { t[a] } else { 1.0 - t[a] };
-            }
-            if w <= 0.0 {
-                continue;
-            }
-            let [r, g, b, valid] = self.texel(std::array::from_fn(|a| (base[a] + pick[a]).min(m[a] - 1)));
+        for (texel, w) in cell.corners() {
+            let [r, g, b, valid] = self.texel(texel);
             if valid > 0.0 {
                 sum[0] += w * r;
                 sum[1] += w * g;
@@ -115,13 +140,46 @@ impl Contracted {
             report.renormalised += u64::from(missing);
             return if missing { sum.map(|v| v / weights) } else { sum };
         }
-        if let Some(mean) = self.neighbourhood_mean(base) {
+        if let Some(mean) = self.neighbourhood_mean(cell.base) {
             report.neighbourhood += 1;
             return mean;
         }
         report.unoccluded += 1;
         let open = light.unoccluded(normal_in_world);
         std::array::from_fn(|c| material.albedo[c] * open[c] + material.emission[c])
+    }
+
+    /// Standard errors of the mean of the channels at many positions.
+    ///
+    /// Texels are independent, so that of an interpolated radiance Σ w_i R_i is sqrt(Σ w_i² σ_i²): smaller than
+    /// the texels' own. Where a lookup falls back, it is the root mean square over the contraction.
+    pub fn look_up_errors(&self, positions_in_grid: &[[f32; 3]]) -> Vec<f32> {
+        positions_in_grid.par_iter().with_min_len(TASK).map(|&p| self.stderr_at(p)).collect()
+    }
+
+    fn stderr_at(&self, position_in_grid: [f32; 3]) -> f32 {
+        let (mut variance, mut weights) = (0.0f32, 0.0f32);
+        for (texel, w) in self.cell(position_in_grid).corners() {
+            if self.texel(texel)[3] > 0.0 {
+                let error = w * self.texel_stderr(texel);
+                variance += error * error;
+                weights += w;
+            }
+        }
+        if weights > 0.0 { variance.sqrt() / weights } else { self.noise.rms as f32 }
+    }
+
+    /// The cell of texels around a grid position.
+    fn cell(&self, position_in_grid: [f32; 3]) -> Cell {
+        let m = self.lattice.texels();
+        let mut cell = Cell { base: [0; 3], next: [0; 3], at: [0.0; 3] };
+        for a in 0..3 {
+            let p = (f64::from(position_in_grid[a]) / self.lattice.step(a)).clamp(0.0, (m[a] - 1) as f64);
+            cell.base[a] = (p as usize).min(m[a].saturating_sub(2));
+            cell.next[a] = (cell.base[a] + 1).min(m[a] - 1);
+            cell.at[a] = (p - cell.base[a] as f64) as f32;
+        }
+        cell
     }
 
     /// Mean of the valid texels of the 4³ around the cell at `base`.
@@ -141,5 +199,37 @@ impl Contracted {
             }
         }
         (count > 0.0).then(|| sum.map(|v| v / count))
+    }
+}
+
+/// How large the standard errors of a surface are, relative to its own radiance.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SurfaceError {
+    /// Half of the vertices are below.
+    pub median: f64,
+    /// 95 % of the vertices are below.
+    pub percentile_95: f64,
+}
+
+impl SurfaceError {
+    /// From radiance and its standard error (mean of the channels) at each vertex; black vertices without error
+    /// count as 0, black ones with error as infinite.
+    pub fn new(radiance: &[[f32; 3]], stderr: &[f32]) -> Self {
+        let mut relative: Vec<f32> = radiance
+            .iter()
+            .zip(stderr)
+            .map(|(c, &e)| {
+                let mean = (c[0] + c[1] + c[2]) / 3.0;
+                if e == 0.0 { 0.0 } else { (e / mean.abs()).min(f32::INFINITY) }
+            })
+            .collect();
+        let mut quantile = |q: f64| {
+            if relative.is_empty() {
+                return 0.0;
+            }
+            let rank = ((relative.len() - 1) as f64 * q).round() as usize;
+            f64::from(*relative.select_nth_unstable_by(rank, f32::total_cmp).1)
+        };
+        Self { median: quantile(0.5), percentile_95: quantile(0.95) }
     }
 }

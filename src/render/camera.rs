@@ -60,26 +60,52 @@ impl Camera {
     /// A camera that looks at the centre of `bounds` and has all of it in view, for a picture of the given
     /// aspect (width over height).
     pub fn framing(bounds: &Bounds, up: Up, view: View, projection: Projection, aspect: f64) -> Self {
+        let corner = |i: usize| {
+            let pick = |a: usize| if i >> a & 1 == 0 { bounds.min[a] } else { bounds.max[a] };
+            DVec3::new(pick(0), pick(1), pick(2))
+        };
+        Self::framing_points((0..8).map(corner), up, view, projection, aspect)
+    }
+
+    /// A camera that has all the points in view, as close as it can; around the origin when there is none.
+    pub fn framing_points(
+        points_in_world: impl Iterator<Item = DVec3>,
+        up: Up,
+        view: View,
+        projection: Projection,
+        aspect: f64,
+    ) -> Self {
         let world_from_gltf: DMat3 = up.gltf_from_world().transpose();
         let (azimuth, elevation) = (view.azimuth.to_radians(), view.elevation.to_radians());
         let (sa, ca) = libm::sincos(azimuth);
         let (se, ce) = libm::sincos(elevation);
         let backward = DVec3::new(ce * sa, se, ce * ca);
         let right = DVec3::new(ca, 0.0, -sa);
-        let up = backward.cross(right);
-        let [right, up, backward] = [right, up, backward].map(|v| world_from_gltf * v);
-        // Extent of the box along the picture's axes.
-        let half = 0.5 * bounds.size();
-        let reach = |axis: DVec3| half.dot(axis.abs());
-        let half_height = reach(up).max(reach(right) / aspect).max(f64::MIN_POSITIVE) * 1.04;
+        let world_from_view = world_from_gltf * DMat3::from_cols(right, backward.cross(right), backward);
+        // The box of the points along the axes of the picture and the line of sight.
+        let view_from_world = world_from_view.transpose();
+        let seen = points_in_world.fold(Bounds::EMPTY, |bounds, p| bounds.including(view_from_world * p));
+        let seen = if seen.min.is_finite() { seen } else { Bounds { min: DVec3::ZERO, max: DVec3::ZERO } };
+        let half = 0.5 * seen.size();
+        let half_height = half.y.max(half.x / aspect).max(f64::MIN_POSITIVE) * 1.04;
         let (distance, half_height) = match projection {
             Projection::Orthographic => (f64::INFINITY, half_height),
             Projection::Perspective(fov) => {
+                // What is in view at the near face of the box is in view everywhere behind it.
                 let tangent = libm::tan(0.5 * fov.clamp(1.0, 150.0).to_radians());
-                (half_height / tangent + reach(backward), half_height * (1.0 + reach(backward) * tangent / half_height))
+                (half_height / tangent + half.z, half_height + half.z * tangent)
             }
         };
-        Self { centre: bounds.centre(), right, up, backward, half_height, distance, reach: bounds.size().length() }
+        let DMat3 { x_axis: right, y_axis: up, z_axis: backward } = world_from_view;
+        Self {
+            centre: world_from_view * seen.centre(),
+            right,
+            up,
+            backward,
+            half_height,
+            distance,
+            reach: 2.0 * half.length(),
+        }
     }
 
     /// Origin and direction in world space of the ray through a point of the picture: `x`, `y` in [−1, 1]

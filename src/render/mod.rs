@@ -1,8 +1,11 @@
 //! Previews: the level set ray-traced from a camera, with the same radiance as the exported vertices.
+//! And the visibility of a sun that was split off the environment, from any points of the level set.
 //! Knows nothing of solvers: radiance comes from a contracted texture, visibility from the tracer.
 
 mod camera;
 mod preview;
+mod sun;
 
 pub use camera::{Camera, Projection, View};
-pub use preview::{Picture, RenderOptions, render};
+pub use preview::{Picture, RenderOptions, render, render_with_suns};
+pub use sun::{SunLight, SunVisibility, sun_visibility};

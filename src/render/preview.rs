@@ -1,6 +1,7 @@
 //! The preview picture.
 
 use super::Camera;
+use super::sun::{Disk, SunLight};
 use crate::geom::Bounds;
 use crate::level::{Counts, LevelField, Outcome, Pyramid, Start};
 use crate::relight::{Contracted, Light, LookupReport, Material};
@@ -47,13 +48,30 @@ pub fn render(
     camera: &Camera,
     options: &RenderOptions,
 ) -> Picture {
+    render_with_suns(volume, pyramid, isovalue, contracted, light, material, camera, options, &[])
+}
+
+/// As [`render`], with the direct light of suns that were split off the environment: `light` is then the
+/// light without them, and every surface point tests their visibility by `rays` rays of each.
+pub fn render_with_suns(
+    volume: &Volume,
+    pyramid: &Pyramid,
+    isovalue: f64,
+    contracted: &Contracted,
+    light: &Light,
+    material: &Material,
+    camera: &Camera,
+    options: &RenderOptions,
+    suns: &[SunLight],
+) -> Picture {
+    let suns: Vec<(Disk, [f32; 3])> = suns.iter().map(|s| (Disk::new(s), material.sun_factor(s.flux))).collect();
     let mut pixels = vec![[0.0; 4]; options.width * options.height];
     let totals: Vec<(Counts, LookupReport)> = with_samples!(volume.samples(), s => {
         let scene = Scene {
             field: LevelField::new(volume, s, pyramid),
             volume,
             isovalue: volume.raw_from_value(isovalue) as f32,
-            contracted, light, material, camera, options,
+            contracted, light, material, camera, options, suns: &suns,
             clip: clip_box(volume),
         };
         pixels.par_chunks_mut(options.width).enumerate().map(|(y, row)| scene.row(y, row)).collect()
@@ -75,6 +93,8 @@ struct Scene<'a, T> {
     material: &'a Material,
     camera: &'a Camera,
     options: &'a RenderOptions,
+    // Each with ρ/π · flux.
+    suns: &'a [(Disk, [f32; 3])],
     clip: Bounds,
 }
 
@@ -95,7 +115,8 @@ impl<T: Sample> Scene<'_, T> {
                 let px = (x as f64 + ((sub % n) as f64 + 0.5) / n as f64) / width * 2.0 - 1.0;
                 let py = 1.0 - (y as f64 + ((sub / n) as f64 + 0.5) / n as f64) / height * 2.0;
                 let (origin, direction) = self.camera.ray(px, py, aspect);
-                if let Some(rgb) = self.shade(origin, direction, &mut counts, &mut report) {
+                let item = ((y * self.options.width + x) * n * n + sub) as u64;
+                if let Some(rgb) = self.shade(origin, direction, item, &mut counts, &mut report) {
                     for c in 0..3 {
                         sum[c] += rgb[c];
                     }
@@ -111,6 +132,7 @@ impl<T: Sample> Scene<'_, T> {
         &self,
         origin: DVec3,
         direction: DVec3,
+        item: u64,
         counts: &mut Counts,
         report: &mut LookupReport,
     ) -> Option<[f32; 3]> {
@@ -125,13 +147,23 @@ impl<T: Sample> Scene<'_, T> {
             gradient[face] = direction[face].signum() as f32;
             let normal = (self.volume.world_from_grid().gradient_matrix() * -gradient).normalize_or_zero();
             let open = self.light.unoccluded(normal.to_array());
-            return Some(std::array::from_fn(|c| 0.5 * self.material.albedo[c] * open[c].max(0.0)));
+            let mut rgb: [f32; 3] = std::array::from_fn(|c| self.material.albedo[c] * open[c].max(0.0));
+            for (disk, factor) in self.suns {
+                let cosine = disk.towards().dot(normal).max(0.0);
+                rgb = std::array::from_fn(|c| rgb[c] + factor[c] * cosine);
+            }
+            return Some(rgb.map(|v| 0.5 * v));
         }
         match self.field.trace(self.isovalue, &Start::beside(at), direction.as_vec3(), counts) {
             Outcome::Hit(hit) => {
                 let normal = self.field.normal(&hit.at).map_or([0.0, 0.0, 1.0], |n| n.vec().to_array());
                 let position = hit.at.in_grid().to_array();
-                Some(self.contracted.radiance_at(position, normal, self.light, self.material, report))
+                let mut rgb = self.contracted.radiance_at(position, normal, self.light, self.material, report);
+                for (disk, factor) in self.suns {
+                    let lit = disk.lit_cosine(&self.field, self.isovalue, hit.at, normal.into(), item, counts);
+                    rgb = std::array::from_fn(|c| rgb[c] + factor[c] * lit);
+                }
+                Some(rgb)
             }
             _ => None,
         }

@@ -1,6 +1,7 @@
 //! A set of texels, and the bricks and chunks that hold them.
 
 use super::{BRICK, CHUNK, Lattice};
+use crate::volume::{Sample, Volume, with_samples};
 
 /// A set of texels of a lattice: which of them to bake.
 #[derive(Clone, Debug)]
@@ -30,6 +31,36 @@ impl Selection {
         selection
     }
 
+    /// The texels that lookups on any isosurface read: those of all cells whose corners differ. A cell
+    /// with eight equal corners is crossed by no isosurface.
+    pub fn of_all_isosurfaces(lattice: Lattice, volume: &Volume) -> Self {
+        fn scan<T: Sample>(samples: &[T], dims: [usize; 3], mut found: impl FnMut([usize; 3])) {
+            let [nx, ny, nz] = dims;
+            let rows = [0, nx, nx * ny, nx * ny + nx];
+            // Whether the four samples of a cell face across x are the same.
+            let face = |base: usize| {
+                let v = samples[base].raw();
+                rows[1..].iter().all(|o| samples[base + o].raw() == v).then_some(v)
+            };
+            for z in 0..nz.saturating_sub(1) {
+                for y in 0..ny.saturating_sub(1) {
+                    let row = nx * (y + ny * z);
+                    let mut before = face(row);
+                    for x in 0..nx.saturating_sub(1) {
+                        let after = face(row + x + 1);
+                        if before.is_none() || before != after {
+                            found([x, y, z]);
+                        }
+                        before = after;
+                    }
+                }
+            }
+        }
+        let mut selection = Self::empty(lattice);
+        with_samples!(volume.samples(), s => scan(s, volume.dims(), |cell| selection.insert_cell(cell)));
+        selection
+    }
+
     /// The bricks that hold texels of the set, x fastest.
     pub fn bricks(&self) -> Vec<[usize; 3]> {
         let [bx, by, bz] = self.lattice.bricks();
@@ -56,25 +87,25 @@ impl Selection {
         self.bits[i / 64] >> (i % 64) & 1 == 1
     }
 
-    /// Adds one texel.
-    ///
-    /// # Panics
-    /// When it is beyond the lattice.
+    /// Adds one texel; one beyond the lattice is left out.
     pub fn insert(&mut self, texel: [usize; 3]) {
-        let m = self.lattice.texels();
-        assert!((0..3).all(|a| texel[a] < m[a]), "texel {texel:?} of {m:?}");
-        let i = self.index(texel);
-        self.bits[i / 64] |= 1 << (i % 64);
+        if (0..3).all(|a| texel[a] < self.lattice.texels()[a]) {
+            let i = self.index(texel);
+            self.bits[i / 64] |= 1 << (i % 64);
+        }
     }
 
     /// Adds the texels that a trilinear lookup anywhere in a cell of the grid reads.
+    ///
+    /// A lookup divides its position by the same step in the same precision, and rounded division
+    /// is monotone, so the quotients of the two faces bound every quotient inside: no margin is
+    /// needed. (One of 1e-9 took 4³ texels a cell instead of 2³ on the lattice of the data.)
     pub fn insert_cell(&mut self, cell: [usize; 3]) {
         let m = self.lattice.texels();
-        // Texels on both sides of the cell; the margin covers rounding of the division.
         let span = |a: usize| {
             let step = self.lattice.step(a);
-            let low = (cell[a] as f64 / step - 1e-9).floor().max(0.0) as usize;
-            let high = ((cell[a] + 1) as f64 / step + 1e-9).ceil() as usize;
+            let low = (cell[a] as f64 / step).floor() as usize;
+            let high = ((cell[a] + 1) as f64 / step).ceil() as usize;
             low.min(m[a] - 1)..=high.min(m[a] - 1)
         };
         let (sx, sy, sz) = (span(0), span(1), span(2));
@@ -123,5 +154,41 @@ impl Selection {
         let m = self.lattice.texels();
         let span = |a: usize| block[a] * side..((block[a] + 1) * side).min(m[a]);
         span(2).any(|z| span(1).any(|y| span(0).any(|x| self.contains([x, y, z]))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cell_adds_what_lookups_in_it_read_and_no_more() {
+        let n = [14, 9, 3];
+        for ratio in [0.3, 0.5, 2.0 / 3.0, 1.0, 1.7, 3.0] {
+            let lattice = Lattice::from_ratio(n, ratio).unwrap();
+            let m = lattice.texels();
+            for cell in [[0, 0, 0], [5, 3, 1], [12, 7, 1], [7, 2, 0]] {
+                let mut selection = Selection::empty(lattice);
+                selection.insert_cell(cell);
+                let mut read = Selection::empty(lattice);
+                const STEPS: usize = 40;
+                let grid = |i: usize, a: usize| (cell[a] as f32 + (i as f32 / STEPS as f32)).min((cell[a] + 1) as f32);
+                // The texels of positive weight along each axis, as relight::lookup takes them.
+                let along = |i: usize, a: usize| {
+                    let p = (f64::from(grid(i, a)) / lattice.step(a)).clamp(0.0, (m[a] - 1) as f64);
+                    let base = (p as usize).min(m[a].saturating_sub(2));
+                    let t = p - base as f64;
+                    [(base, 1.0 - t), ((base + 1).min(m[a] - 1), t)].into_iter().filter(|w| w.1 > 0.0).map(|w| w.0)
+                };
+                let all = |a: usize| (0..=STEPS).flat_map(move |i| along(i, a)).collect::<Vec<_>>();
+                let (xs, ys, zs) = (all(0), all(1), all(2));
+                for &z in &zs {
+                    for &y in &ys {
+                        xs.iter().for_each(|&x| read.insert([x, y, z]));
+                    }
+                }
+                assert_eq!(selection.bits, read.bits, "ratio {ratio} cell {cell:?}");
+            }
+        }
     }
 }

@@ -3,7 +3,7 @@
 //! on which chunks are baked together.
 
 use super::path::{Scratch, Settings, TexelEstimate, estimate};
-use super::summary::{ERROR_BINS, Summary};
+use super::summary::Summary;
 use crate::error::{Error, Result};
 use crate::level::{Counts, LevelField, Pyramid, Site};
 use crate::transfer::{BRICK, BRICK_TEXELS, Brick, CHUNK, Layout, Selection, validity};
@@ -207,7 +207,7 @@ fn brick_with<T: Sample>(
         transfer.convert_from_f32_slice(&texel_estimate.transfer);
         stderr.convert_from_f32_slice(&texel_estimate.stderr);
         brick.validity[t] = validity::VALID | if site.clamped { validity::CLAMPED } else { 0 };
-        brick.rays[t] = bake.settings.rays;
+        brick.rays[t] = texel_estimate.rays;
         tally(&texel_estimate, site.clamped, bake.settings, &mut summary);
     }
     BrickOutput { brick, summary }
@@ -218,12 +218,12 @@ fn tally(texel: &TexelEstimate, clamped: bool, settings: &Settings, summary: &mu
     summary.valid += 1;
     summary.clamped += u64::from(clamped);
     summary.degenerate += u64::from(texel.degenerate);
-    summary.paths += u64::from(settings.rays);
+    summary.paths += u64::from(texel.rays);
+    summary.pilot_paths += u64::from(texel.pilot_rays);
     summary.lost += u64::from(texel.lost);
     summary.trapped += u64::from(texel.trapped);
     summary.escape_variance += f64::from(texel.escape_stderr).powi(2);
-    let bin = ((texel.escape_stderr * 1000.0) as usize).min(ERROR_BINS - 1);
-    summary.escape_stderr_histogram[bin] += 1;
+    summary.errors.add(texel.target_stderr);
     for k in 0..settings.layers.len() {
         summary.escapes[k] += root_four_pi * f64::from(texel.transfer[settings.layers.offset(k)]);
     }

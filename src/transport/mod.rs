@@ -11,8 +11,10 @@
 //! differ in keeping the layers apart and free of albedo).
 
 mod bake;
+mod combine;
 mod gather;
 mod path;
+mod replay;
 mod summary;
 
 #[cfg(test)]
@@ -20,8 +22,9 @@ mod tests;
 
 pub use bake::{Bake, BrickOutput, Progress, bake, bake_brick, pilot};
 pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};
-pub use path::{ReplayedPath, Settings, TexelEstimate, replay};
-pub use summary::Summary;
+pub use path::{Settings, Target, TexelEstimate};
+pub use replay::{ReplayedPath, replay};
+pub use summary::{ErrorHistogram, Summary};
 
 /// Independent scrambles of each texel's points; error bars come from their spread.
 ///

@@ -1,7 +1,8 @@
 //! One texel of one pass: a path that ends where the cache has transfer.
 
 use super::super::REPLICATES;
-use super::super::path::{Scratch, Settings, TexelEstimate, combine};
+use super::super::combine::combine;
+use super::super::path::{Scratch, Settings, TexelEstimate};
 use super::cache::{Cache, EMPTY_ROW, Lookups, Row, Span, spans};
 use crate::geom::Frame;
 use crate::level::{CellPoint, Counts, LevelField, Outcome, Site, Start};
@@ -59,17 +60,20 @@ impl<'a> Pass<'a> {
             scratch.blocked.clear();
             for path in 0..self.settings.points() as u32 {
                 let direction = frame.from_local(warp::square_to_cosine_hemisphere(sequence.point(path)));
-                match field.trace(site.isovalue, &site.start, field.direction_in_grid(direction), counts) {
+                let at = match field.trace(site.isovalue, &site.start, field.direction_in_grid(direction), counts) {
                     Outcome::Escaped => {
                         scratch.escaped.push(direction);
                         continue;
                     }
-                    Outcome::Lost => out.lost += 1,
-                    Outcome::Hit(hit) => {
-                        if !self.cache.add(&hit.at, &self.spans[0], sums, &mut row, lookups) {
-                            self.go_on(field, site, hit.at, &sampler, path, sums, &mut row, counts, lookups, out);
-                        }
+                    // A hit of distance 0, as in `path`.
+                    Outcome::Lost => {
+                        out.lost += 1;
+                        site.start.at
                     }
+                    Outcome::Hit(hit) => hit.at,
+                };
+                if !self.cache.add(&at, &self.spans[0], sums, &mut row, lookups) {
+                    self.go_on(field, site, at, &sampler, path, sums, &mut row, counts, lookups, out);
                 }
                 scratch.blocked.push(direction);
             }
@@ -80,7 +84,9 @@ impl<'a> Pass<'a> {
                 sh::basis::accumulate(bands, &scratch.blocked, sums);
             }
         }
-        combine(site.normal, &self.settings, scratch, &visible, out);
+        let points = self.settings.points();
+        combine(site.normal, &self.settings, scratch, &visible, points, out);
+        (out.rays, out.pilot_rays) = ((points * REPLICATES) as u32, 0);
     }
 
     /// Follows a path from a hit where the cache has nothing until it has, or the path ends.
@@ -111,16 +117,11 @@ impl<'a> Pass<'a> {
                     sh::basis::accumulate(layers.bands()[depth], &[direction], &mut sums[layers.offset(depth)..]);
                     return;
                 }
-                Outcome::Lost => {
-                    out.lost += 1;
-                    return;
-                }
-                Outcome::Hit(hit) => {
-                    if self.cache.add(&hit.at, &self.spans[depth], sums, row, lookups) {
-                        return;
-                    }
-                    at = hit.at;
-                }
+                Outcome::Lost => out.lost += 1,
+                Outcome::Hit(hit) => at = hit.at,
+            }
+            if self.cache.add(&at, &self.spans[depth], sums, row, lookups) {
+                return;
             }
         }
         out.trapped += 1;

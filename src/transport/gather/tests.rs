@@ -39,7 +39,7 @@ impl Scene {
         Self {
             pyramid: Pyramid::new(&volume),
             layout: Layout { lattice, layers: layers.clone() },
-            settings: Settings { layers, rays, seed: 1, positive: false },
+            settings: Settings { layers, rays, seed: 1, positive: false, target: None },
             selection: Selection::all(lattice),
             volume,
         }

@@ -1,0 +1,239 @@
+//! `isolume info`: what is in a volume or a store.
+
+use super::console::Console;
+use super::input::{VolumeArgs, file_name};
+use super::isovalue::{Isovalue, overview};
+use super::{Outcome, baking, input, options, text};
+use crate::geom::Up;
+use crate::relight::texels_of_isosurface;
+use crate::transfer::store::{Isovalues, Store};
+use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, Selection};
+use crate::volume::{LengthUnit, Solid, Volume};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Show what is in a volume or a transfer store
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  isolume info brain.nii.gz\n  isolume info brain.isolume --json")]
+pub(super) struct Info {
+    /// Volume file, field such as gyroid:128, or store
+    #[arg(value_name = "VOLUME|X.isolume")]
+    input: String,
+    #[command(flatten)]
+    volume: VolumeArgs,
+}
+
+const BINS: usize = 64;
+/// Metres in the atomic unit of length (CODATA 2018).
+const BOHR: f64 = 5.291_772_109_03e-11;
+
+impl Info {
+    pub(super) fn run(&self, console: &Console) -> Outcome {
+        if is_store(&self.input) {
+            return store(&self.input, console);
+        }
+        let opened = input::open(&self.input, &self.volume)?;
+        let volume = &opened.volume;
+        let (low, high) = volume.value_range();
+        let histogram = overview(volume, BINS);
+        let suggested = Isovalue::Auto.resolve(volume, opened.default_isovalue).ok();
+        let mut rows = volume_rows(volume);
+        rows.push(row("values", format!("{} to {}", text::number(low, 8), text::number(high, 8))));
+        rows.push(row("histogram", format!("{}  (root of the counts)", text::sparkline(&histogram))));
+        if let Some(chosen) = &suggested {
+            let reason = chosen.reason.as_deref().unwrap_or_default();
+            rows.push(row("isovalue", format!("{} ({reason})", text::number(chosen.value, 6))));
+        }
+        let estimate = suggested.as_ref().and_then(|c| Estimate::new(volume, c.value).ok());
+        if let Some(e) = &estimate {
+            rows.push(row("memory", format!("{} to bake with the default options", text::bytes(e.memory as f64))));
+            rows.push(row(
+                "store",
+                format!(
+                    "{} for all isovalues, {} for the suggested one",
+                    text::bytes(e.all as f64),
+                    text::bytes(e.one as f64)
+                ),
+            ));
+        }
+        for note in &volume.notes {
+            rows.push(row("note", note.text.clone()));
+        }
+        console.print(text::table(&rows));
+        let bounds = volume.world_bounds();
+        console.print_json(&json!({
+            "name": volume.name,
+            "dims": volume.dims(),
+            "type": volume.samples().type_name(),
+            "scaling": { "slope": volume.slope(), "inter": volume.inter() },
+            "spacing": volume.world_from_grid().spacing().to_array(),
+            "metres_per_unit": metres(volume),
+            "world_box": { "min": bounds.min.to_array(), "max": bounds.max.to_array() },
+            "left_handed": volume.world_from_grid().is_left_handed(),
+            "up": up_name(volume.up),
+            "solid": solid_name(volume.solid),
+            "range": [low, high],
+            "histogram": histogram,
+            "suggested_isovalue": suggested.as_ref().map(|c| json!({ "value": c.value, "reason": c.reason })),
+            "estimate": estimate.map(|e| json!({
+                "memory_bytes": e.memory, "store_bytes_all": e.all, "store_bytes_suggested": e.one,
+            })),
+            "notes": volume.notes.iter().map(|n| json!({ "text": n.text, "count": n.count })).collect::<Vec<_>>(),
+            "content_hash": volume.content_hash(),
+        }));
+        Ok(())
+    }
+}
+
+fn row(name: &str, value: String) -> Vec<String> {
+    vec![name.into(), value]
+}
+
+fn metres(volume: &Volume) -> Option<f64> {
+    match volume.unit {
+        LengthUnit::Unknown => None,
+        LengthUnit::Metres(metres) => Some(metres),
+    }
+}
+
+fn up_name(up: Up) -> &'static str {
+    match up {
+        Up::X => "x",
+        Up::Y => "y",
+        Up::Z => "z",
+        Up::NegX => "-x",
+        Up::NegY => "-y",
+        Up::NegZ => "-z",
+    }
+}
+
+fn solid_name(solid: Solid) -> &'static str {
+    match solid {
+        Solid::Above => "above the isovalue",
+        Solid::Below => "below the isovalue",
+    }
+}
+
+fn volume_rows(volume: &Volume) -> Vec<Vec<String>> {
+    let d = volume.dims();
+    let spacing = volume.world_from_grid().spacing();
+    let bounds = volume.world_bounds();
+    let point = |p: glam::DVec3| format!("({})", p.to_array().map(|v| text::number(v, 6)).join(", "));
+    let unit = match metres(volume) {
+        None => "units the file does not name".into(),
+        Some(1e-3) => "mm".to_string(),
+        Some(1e-6) => "µm".into(),
+        Some(1e-10) => "Å".into(),
+        Some(m) if (m - BOHR).abs() < 1e-6 * BOHR => "bohr".into(),
+        Some(m) => format!("× {} m", text::number(m, 6)),
+    };
+    let scaling = match (volume.slope(), volume.inter()) {
+        (1.0, 0.0) => String::new(),
+        (slope, inter) => format!(", value = {slope} · sample + {inter}"),
+    };
+    let hand = if volume.world_from_grid().is_left_handed() { "left-handed grid" } else { "right-handed grid" };
+    vec![
+        row("name", volume.name.clone()),
+        row("samples", format!("{} × {} × {} {}{scaling}", d[0], d[1], d[2], volume.samples().type_name())),
+        row(
+            "spacing",
+            format!(
+                "{} × {} × {} {unit}",
+                text::number(spacing.x, 6),
+                text::number(spacing.y, 6),
+                text::number(spacing.z, 6)
+            ),
+        ),
+        row("world box", format!("{} to {}", point(bounds.min), point(bounds.max))),
+        row("orientation", format!("{hand}, {} is up; solid is {}", up_name(volume.up), solid_name(volume.solid))),
+    ]
+}
+
+/// What a bake with the default options would take.
+struct Estimate {
+    memory: u64,
+    all: u64,
+    one: u64,
+}
+
+impl Estimate {
+    fn new(volume: &Volume, isovalue: f64) -> crate::Result<Self> {
+        let lattice = Lattice::from_ratio(volume.dims(), 1.0)?;
+        let layout = Layout { lattice, layers: Layers::uniform(4, 5)? };
+        let texel = options::texel_bytes(&layout.layers);
+        let data = volume.samples().bytes().len() as u64;
+        let bytes = |s: Selection| data + s.bricks().len() as u64 * BRICK_TEXELS as u64 * texel;
+        Ok(Self {
+            memory: options::bake_bytes(volume, &layout),
+            all: bytes(Selection::of_all_isosurfaces(lattice, volume)),
+            one: bytes(texels_of_isosurface(volume, lattice, isovalue)),
+        })
+    }
+}
+
+/// Whether an argument names a store rather than a volume.
+pub(super) fn is_store(argument: &str) -> bool {
+    let path = Path::new(argument);
+    path.is_dir() || (path.is_file() && argument.ends_with(".isolume")) || argument.ends_with(".isolume.zip")
+}
+
+/// Which isovalues a store holds, and how many rays: from the records of its chunks.
+pub(super) fn holdings(store: &Store) -> crate::Result<(usize, Option<Isovalues>, u32, u32)> {
+    let [cx, cy, cz] = store.layout().lattice.chunks();
+    let (mut chunks, mut least, mut most) = (0, u32::MAX, 0);
+    let mut all: Option<Isovalues> = None;
+    for i in 0..cx * cy * cz {
+        let Some(extent) = store.chunk_extent([i % cx, i / cx % cy, i / cx / cy])? else { continue };
+        chunks += 1;
+        (least, most) = (least.min(extent.rays), most.max(extent.rays));
+        all = Some(match (all, extent.isovalues) {
+            (None, found) => found,
+            (Some(Isovalues::List(mut list)), Isovalues::List(more)) => {
+                list.extend(more);
+                list.sort_by(f64::total_cmp);
+                list.dedup();
+                Isovalues::List(list)
+            }
+            _ => Isovalues::All,
+        });
+    }
+    Ok((chunks, all, least.min(most), most))
+}
+
+/// The isovalues of a store as text.
+pub(super) fn isovalues_text(isovalues: Option<&Isovalues>) -> String {
+    match isovalues {
+        None => "none".into(),
+        Some(Isovalues::All) => "all".into(),
+        Some(Isovalues::List(list)) => list.iter().map(|c| text::number(*c, 8)).collect::<Vec<_>>().join(", "),
+    }
+}
+
+fn store(argument: &str, console: &Console) -> Outcome {
+    let store = Store::open(argument)?;
+    let (chunks, isovalues, least, most) = holdings(&store)?;
+    let identity = store.identity();
+    let volume = store.volume()?;
+    let m = identity.texels;
+    let bytes = baking::size_on_disk(Path::new(argument));
+    let mut rows = volume_rows(&volume);
+    rows.push(row("texture", format!("{} × {} × {} texels", m[0], m[1], m[2])));
+    rows.push(row("layers", format!("{} with {:?} bands", identity.bands.len(), identity.bands)));
+    let sign = if identity.positive { ", positive" } else { "" };
+    rows.push(row("estimator", format!("{}{sign}, seed {}", identity.estimator, identity.seed)));
+    rows.push(row("isovalues", isovalues_text(isovalues.as_ref())));
+    let all: usize = store.layout().lattice.chunks().iter().product();
+    let rays = if least == most { most.to_string() } else { format!("{least} to {most}") };
+    rows.push(row("baked", format!("{chunks} of {all} chunks, {rays} rays a texel, {}", text::bytes(bytes as f64))));
+    console.print(text::table(&rows));
+    let held = match &isovalues {
+        None => Value::Null,
+        Some(Isovalues::All) => json!("all"),
+        Some(Isovalues::List(list)) => json!(list),
+    };
+    console.print_json(&json!({
+        "store": file_name(argument), "identity": identity, "provenance": store.provenance(),
+        "isovalues": held, "chunks": chunks, "chunks_of_lattice": all, "rays": [least, most], "bytes": bytes,
+    }));
+    Ok(())
+}

@@ -1,0 +1,115 @@
+//! The volume argument: a file or an analytic field by name.
+
+use super::{Outcome, text};
+use crate::error::{Error, Result};
+use crate::geom::Up;
+use crate::volume::{ReadHint, Solid, Volume, field, open_with};
+use clap::ValueEnum;
+use std::path::Path;
+
+/// Which side of the surface is matter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum SolidSide {
+    /// Values above the isovalue
+    Above,
+    /// Values below the isovalue
+    Below,
+}
+
+impl From<SolidSide> for Solid {
+    fn from(side: SolidSide) -> Self {
+        match side {
+            SolidSide::Above => Self::Above,
+            SolidSide::Below => Self::Below,
+        }
+    }
+}
+
+/// How a volume is to be understood.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub(super) struct VolumeArgs {
+    /// Which side of the isovalue is matter [default: above]
+    #[arg(long, value_enum, value_name = "SIDE")]
+    pub(super) solid: Option<SolidSide>,
+    /// The world axis that points up: x, y, z, -x, -y, -z [default: z]
+    #[arg(long, value_parser = parse_up, allow_hyphen_values = true, value_name = "AXIS")]
+    pub(super) up: Option<Up>,
+}
+
+fn parse_up(axis: &str) -> std::result::Result<Up, String> {
+    Ok(match axis {
+        "x" => Up::X,
+        "y" => Up::Y,
+        "z" => Up::Z,
+        "-x" => Up::NegX,
+        "-y" => Up::NegY,
+        "-z" => Up::NegZ,
+        _ => return Err("give one of x, y, z, -x, -y, -z".into()),
+    })
+}
+
+/// A volume and what is known of it besides its samples.
+pub(super) struct Input {
+    /// The volume.
+    pub(super) volume: Volume,
+    /// What it was read from: a file's name without its directories, or a field's specification.
+    pub(super) label: String,
+    /// The isovalue that shows a field best.
+    pub(super) default_isovalue: Option<f64>,
+}
+
+/// Opens a volume argument.
+pub(super) fn open(argument: &str, args: &VolumeArgs) -> Outcome<Input> {
+    let mut input = match field::by_name(argument)? {
+        Some(named) => {
+            let default_isovalue = Some(named.field.default_isovalue());
+            Input { volume: named.sample()?, label: argument.into(), default_isovalue }
+        }
+        None => Input { volume: open_file(argument, args)?, label: file_name(argument), default_isovalue: None },
+    };
+    if let Some(side) = args.solid {
+        input.volume.solid = side.into();
+    }
+    if let Some(up) = args.up {
+        input.volume.up = up;
+    }
+    Ok(input)
+}
+
+fn open_file(argument: &str, args: &VolumeArgs) -> Result<Volume> {
+    let path = Path::new(argument);
+    if !path.exists() {
+        return Err(missing(argument));
+    }
+    let solid = args.solid.map_or(Solid::Above, Solid::from);
+    open_with(path, &ReadHint { solid, ..ReadHint::default() }).map_err(|error| match error {
+        // Readers do not know the name; a limit has no field for it.
+        Error::Limit { what, needed, limit, remedy } => {
+            Error::Limit { what: format!("{argument}: {what}"), needed, limit, remedy }
+        }
+        other => other,
+    })
+}
+
+/// The error for a volume that is not there, with the name that may have been meant.
+fn missing(argument: &str) -> Error {
+    let name = argument.split(':').next().unwrap_or(argument);
+    let path = Path::new(argument);
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let beside: Vec<String> = std::fs::read_dir(folder)
+        .map(|entries| entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect())
+        .unwrap_or_default();
+    let remedy = if let Some(near) = text::nearest(name, field::NAMES) {
+        format!("did you mean the field {near}?")
+    } else if let Some(near) = text::nearest(&file_name(argument), beside.iter().map(String::as_str)) {
+        format!("did you mean {}?", path.with_file_name(near).display())
+    } else {
+        format!("check the path, or name a field: {}", field::NAMES.join(", "))
+    };
+    Error::argument("volume", argument, "a volume file that exists, or the name of a field", remedy)
+}
+
+/// The last part of a path.
+pub(super) fn file_name(path: &str) -> String {
+    Path::new(path).file_name().map_or_else(|| path.to_string(), |n| n.to_string_lossy().into_owned())
+}

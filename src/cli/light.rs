@@ -1,0 +1,170 @@
+//! Environments, materials and exposure as options.
+
+use super::{Outcome, text};
+use crate::error::{Error, Result};
+use crate::geom::Up;
+use crate::probe::{self, EMBEDDED, Layout, Orientation, Probe, ReadOptions};
+use crate::relight::{Exposure, Light, Material};
+use crate::scene::{Colormap, MaterialRule};
+use crate::sh::Window;
+use clap::ValueEnum;
+use std::path::Path;
+
+/// Names of the skies by formula, for suggestions.
+const SKIES: [&str; 5] = ["constant", "gradient", "overcast", "sky", "sun:45,30"];
+
+/// How environment images are read and how the light is prepared.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct LightArgs {
+    /// Turn the light counter-clockwise about up, seen from above, in degrees
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
+    pub(super) env_rotate: f64,
+    /// Soften the band-limited light, against ringing
+    #[arg(long, value_enum, default_value = "none")]
+    pub(super) window: WindowName,
+    /// Cut the light to this many bands [default: those of the store]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=crate::sh::MAX_BANDS as i64))]
+    pub(super) bands: Option<u8>,
+    /// Keep negative pixels of environment images
+    #[arg(long)]
+    pub(super) keep_negative: bool,
+    /// Layout of environment images [default: from the file and its shape]
+    #[arg(long, value_name = "LAYOUT", value_parser = parse_layout)]
+    pub(super) layout: Option<Layout>,
+}
+
+/// A window by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum WindowName {
+    None,
+    Lanczos,
+    Hanning,
+}
+
+impl WindowName {
+    fn window(self) -> Window {
+        match self {
+            Self::None => Window::None,
+            Self::Lanczos => Window::Lanczos,
+            Self::Hanning => Window::Hanning,
+        }
+    }
+}
+
+pub(super) fn parse_layout(name: &str) -> std::result::Result<Layout, String> {
+    name.parse().map_err(|e: Error| e.to_string())
+}
+
+/// Opens a probe by name or path; a misspelt one gets a suggestion.
+pub(super) fn open_probe(argument: &str, keep_negative: bool, layout: Option<Layout>) -> Result<Probe> {
+    let options = ReadOptions { layout, keep_negative, ..ReadOptions::default() };
+    let unknown = probe::by_name(argument)?.is_none() && !Path::new(argument).exists();
+    let word = argument.split(':').next().unwrap_or(argument);
+    let known = EMBEDDED.into_iter().chain(SKIES.map(|s| s.split(':').next().unwrap_or(s)));
+    match text::nearest(word, known).filter(|_| unknown) {
+        Some(near) => {
+            let expected =
+                format!("an image file that exists, or one of {}, {}", EMBEDDED.join(", "), SKIES.join(", "));
+            Err(Error::argument("environment", argument, expected, format!("did you mean {near}?")))
+        }
+        None => probe::open(argument, &options),
+    }
+}
+
+impl LightArgs {
+    /// The light of a probe in world axes, in as many bands as the transfer can use.
+    pub(super) fn light(&self, probe: &Probe, up: Up, transfer_bands: usize) -> Result<Light> {
+        let bands = self.bands.map_or(transfer_bands, |b| usize::from(b).min(transfer_bands));
+        let orientation = Orientation::new(up, self.env_rotate)?;
+        let mut channels = probe.coefficients_in_world(bands, orientation);
+        if let Some(factors) = self.window.window().factors(bands) {
+            channels = channels.map(|c| c.filtered(&factors));
+        }
+        let value = |c: usize, i: usize| channels[c].values()[i];
+        Light::new((0..bands * bands).map(|i| [value(0, i), value(1, i), value(2, i)]).collect())
+    }
+
+    /// For the record of a file.
+    pub(super) fn window_name(&self) -> &'static str {
+        self.window.window().name()
+    }
+}
+
+/// What the surface is made of.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct MaterialArgs {
+    /// Diffuse reflectance, one number or r,g,b, linear; with --colormap a factor on its colours
+    #[arg(long, value_name = "RHO|R,G,B", default_value = "0.7", value_parser = parse_triple, allow_hyphen_values = true)]
+    pub(super) albedo: Triple,
+    /// Colour by isovalue: a colour scale, over the range of the volume or of LOW..HIGH
+    #[arg(long, value_name = "NAME[:LOW..HIGH]")]
+    pub(super) colormap: Option<String>,
+    /// Emitted radiance, one number or r,g,b, linear
+    #[arg(long, value_name = "E|R,G,B", default_value = "0", value_parser = parse_triple, allow_hyphen_values = true)]
+    pub(super) emission: Triple,
+    /// Exposure in stops, or auto: the 99th percentile of the brightest channel becomes white
+    #[arg(long, value_name = "EV|auto", default_value = "auto", value_parser = parse_exposure, allow_hyphen_values = true)]
+    pub(super) exposure: Exposure,
+}
+
+/// One number for three channels, or three.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Triple(pub(super) [f32; 3]);
+
+pub(super) fn parse_triple(text: &str) -> std::result::Result<Triple, String> {
+    let numbers: Option<Vec<f32>> =
+        text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
+    match numbers.as_deref() {
+        Some(&[one]) => Ok(Triple([one; 3])),
+        Some(&[r, g, b]) => Ok(Triple([r, g, b])),
+        _ => Err("give one number, or three such as 0.7,0.5,0.3".into()),
+    }
+}
+
+fn parse_exposure(text: &str) -> std::result::Result<Exposure, String> {
+    match text {
+        "auto" => Ok(Exposure::Percentile),
+        number => match number.parse::<f64>() {
+            Ok(ev) if ev.abs() <= 100.0 => Ok(Exposure::Stops(ev)),
+            _ => Err("give stops such as -1.5, or auto".into()),
+        },
+    }
+}
+
+impl MaterialArgs {
+    /// The material of each isovalue; `range` is that of the volume.
+    pub(super) fn rule(&self, range: (f64, f64)) -> Outcome<MaterialRule> {
+        let albedo = self.albedo.0;
+        Material::new(albedo, self.emission.0)?;
+        let Some(spec) = &self.colormap else {
+            return Ok(MaterialRule::Constant(albedo));
+        };
+        if albedo[0] != albedo[1] || albedo[1] != albedo[2] {
+            let expected = "one number together with --colormap";
+            return Err(
+                Error::argument("--albedo", format!("{albedo:?}"), expected, "it is a factor on the colours").into()
+            );
+        }
+        let (name, part) = spec.split_once(':').map_or((spec.as_str(), None), |(n, p)| (n, Some(p)));
+        let colormap = match (Colormap::named(name), text::nearest(name, Colormap::names())) {
+            (Err(_), Some(near)) => {
+                let known = Colormap::names().collect::<Vec<_>>().join(", ");
+                let expected = format!("one of {known}");
+                return Err(Error::argument("colormap", name, expected, format!("did you mean {near}?")).into());
+            }
+            (result, _) => result?,
+        };
+        let (low, high) = match part {
+            None => range,
+            Some(part) => {
+                let ends =
+                    part.split_once("..").and_then(|(l, h)| Some((l.parse::<f64>().ok()?, h.parse::<f64>().ok()?)));
+                ends.filter(|(l, h)| l.is_finite() && h.is_finite() && l < h).ok_or_else(|| {
+                    let expected = "two rising isovalues such as 0..255";
+                    Error::argument("colormap", spec, expected, format!("write {name}:LOW..HIGH"))
+                })?
+            }
+        };
+        Ok(MaterialRule::Map { colormap, low, high, scale: albedo[0] })
+    }
+}

@@ -1,0 +1,195 @@
+//! What a bake computes, as options: shared by `plan`, `bake` and the lazy bake of `relight`.
+
+use super::isovalue::{Chosen, Isovalue};
+use super::text;
+use crate::error::{Error, Result};
+use crate::sh::MAX_BANDS;
+use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, MAX_LAYERS};
+use crate::transport::{REPLICATES, Settings, Target};
+use crate::volume::Volume;
+
+/// Quality of a transfer texture.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct TransferArgs {
+    /// Rays per texel, a power of two: 16 preview, 64 draft, 256 final, 4096 reference
+    #[arg(long, default_value = "64", value_name = "N", value_parser = parse_rays)]
+    pub(super) rays: u32,
+    /// Stop a texel when its standard errors of Σ a_k and of a_0 (1 = unoccluded) are this small; --rays is
+    /// then the most that it gets
+    #[arg(long, value_name = "E", value_parser = parse_error)]
+    pub(super) error: Option<f32>,
+    /// Stored layers of light: 1 = direct only, N = N−1 bounces and the tail beyond [default: 4]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=MAX_LAYERS as i64))]
+    pub(super) layers: Option<u8>,
+    /// Transfer that stays non-negative under non-negative light, at more noise
+    #[arg(long)]
+    pub(super) positive: bool,
+    /// Resolution of the texture: a ratio to the data such as 0.5 or 2, or 128x128x96
+    #[arg(long, default_value = "1", value_name = "RATIO|XxYxZ", value_parser = parse_texture)]
+    pub(super) texture: Texture,
+    /// Refuse to use more memory, such as 2GB [default: 80 % of this machine's]
+    #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
+    pub(super) memory_limit: Option<u64>,
+}
+
+/// A whole bake.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct BakeArgs {
+    #[command(flatten)]
+    pub(super) transfer: TransferArgs,
+    /// Spherical harmonic bands: one count, or one for each layer such as 5,4,3,3
+    #[arg(long, default_value = "5", value_name = "N[,N…]", value_delimiter = ',',
+        value_parser = clap::value_parser!(u8).range(1..=MAX_BANDS as i64))]
+    pub(super) bands: Vec<u8>,
+    /// Bake only the texels that these isosurfaces need: numbers, percentages, auto
+    #[arg(long, value_name = "C[,C…]", value_delimiter = ',', allow_hyphen_values = true)]
+    pub(super) isovalues: Vec<Isovalue>,
+}
+
+/// Resolution of a texture as written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Texture {
+    Ratio(f64),
+    Texels([usize; 3]),
+}
+
+fn parse_rays(text: &str) -> std::result::Result<u32, String> {
+    let rays: u32 = text.parse().map_err(|_| "give a power of two such as 64".to_string())?;
+    if rays.is_power_of_two() && (REPLICATES as u32..=1 << 20).contains(&rays) {
+        Ok(rays)
+    } else {
+        Err("give a power of two from 4 to 1048576: 16 is a preview, 64 a draft, 256 final".into())
+    }
+}
+
+fn parse_error(text: &str) -> std::result::Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(error) if error > 0.0 && error < 1.0 => Ok(error),
+        _ => Err("give a standard error between 0 and 1, such as 0.02".into()),
+    }
+}
+
+fn parse_texture(text: &str) -> std::result::Result<Texture, String> {
+    if let Ok(ratio) = text.parse::<f64>() {
+        return if ratio > 0.0 && ratio <= 16.0 {
+            Ok(Texture::Ratio(ratio))
+        } else {
+            Err("give a ratio above 0 and up to 16".into())
+        };
+    }
+    let texels: Option<Vec<usize>> = text.split('x').map(|n| n.parse().ok()).collect();
+    match texels.as_deref() {
+        Some(&[x, y, z]) => Ok(Texture::Texels([x, y, z])),
+        _ => Err("give a ratio such as 0.5, or a resolution such as 128x128x96".into()),
+    }
+}
+
+/// Reads an amount of memory, with decimal or binary units.
+pub(super) fn parse_bytes(text: &str) -> std::result::Result<u64, String> {
+    let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
+    let (number, unit) = text.split_at(digits);
+    let factor = match unit.trim().to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "k" | "kb" => 1e3,
+        "m" | "mb" => 1e6,
+        "g" | "gb" => 1e9,
+        "t" | "tb" => 1e12,
+        "kib" => 1024.0,
+        "mib" => 1048576.0,
+        "gib" => 1073741824.0,
+        _ => return Err("give a size such as 800MB, 2GB or 4GiB".into()),
+    };
+    match number.parse::<f64>() {
+        Ok(n) if n > 0.0 => Ok((n * factor) as u64),
+        _ => Err("give a size such as 800MB, 2GB or 4GiB".into()),
+    }
+}
+
+impl TransferArgs {
+    /// Layout of the texture on a volume, with `bands` as given by the user.
+    pub(super) fn layout(&self, volume: &Volume, bands: &[u8]) -> Result<Layout> {
+        let bands: Vec<usize> = bands.iter().map(|&b| usize::from(b)).collect();
+        let bands = match (bands.as_slice(), self.layers) {
+            (&[one], layers) => vec![one; usize::from(layers.unwrap_or(4))],
+            (list, Some(layers)) if list.len() != usize::from(layers) => {
+                return Err(Error::argument(
+                    "--bands",
+                    format!("{} counts for --layers {layers}", list.len()),
+                    "one count, or one for each layer",
+                    "leave out --layers, or give as many counts",
+                ));
+            }
+            (list, _) => list.to_vec(),
+        };
+        if self.positive && bands.windows(2).any(|w| w[0] != w[1]) {
+            return Err(Error::argument(
+                "--bands",
+                format!("{bands:?}"),
+                "the same number of bands in all layers together with --positive",
+                "give one count",
+            ));
+        }
+        let lattice = match self.texture {
+            Texture::Ratio(ratio) => Lattice::from_ratio(volume.dims(), ratio)?,
+            Texture::Texels(texels) => Lattice::from_texels(volume.dims(), texels)?,
+        };
+        Ok(Layout { lattice, layers: Layers::new(bands)? })
+    }
+
+    /// Settings of the estimator.
+    pub(super) fn settings(&self, layout: &Layout, seed: u64) -> Settings {
+        let layers = layout.layers.clone();
+        let target = self.error.map(|error| Target::escape(&layers, error));
+        Settings { layers, rays: self.rays, seed, target, positive: self.positive }
+    }
+}
+
+impl BakeArgs {
+    /// The isovalues asked for, in the file's values; `None` for all.
+    pub(super) fn isovalues(&self, volume: &Volume, of_field: Option<f64>) -> Result<Option<Vec<Chosen>>> {
+        if self.isovalues.is_empty() {
+            return Ok(None);
+        }
+        self.isovalues.iter().map(|i| i.resolve(volume, of_field)).collect::<Result<Vec<_>>>().map(Some)
+    }
+}
+
+/// Bytes of one texel in a store.
+pub(super) fn texel_bytes(layers: &Layers) -> u64 {
+    (2 * layers.coefficients() + 2 * layers.errors() + 1 + 4) as u64
+}
+
+/// Chunks that a bake holds at a time, and twice that while they are copied into their files.
+const CHUNKS_HELD: u64 = 8;
+
+/// Bytes that a bake needs at most: the volume with its pyramid and its copy on the way into the store, the
+/// selection, and the chunks in work (written and old).
+pub(super) fn bake_bytes(volume: &Volume, layout: &Layout) -> u64 {
+    let texels: u64 = layout.lattice.texels().iter().map(|&m| m as u64).product();
+    let samples = volume.samples().len() as u64;
+    let chunk = 64 * BRICK_TEXELS as u64 * texel_bytes(&layout.layers);
+    2 * volume.samples().bytes().len() as u64 + samples / 6 + texels / 8 + 2 * CHUNKS_HELD * chunk
+}
+
+/// Refuses by name what would take more memory than allowed.
+pub(super) fn check_memory(what: &str, needed: u64, limit: Option<u64>) -> Result<()> {
+    let limit = limit.unwrap_or_else(default_memory_limit);
+    if needed <= limit {
+        return Ok(());
+    }
+    Err(Error::Limit {
+        what: what.into(),
+        needed: text::bytes(needed as f64),
+        limit: text::bytes(limit as f64),
+        remedy: "raise --memory-limit, or lower --texture, --layers or --bands".into(),
+    })
+}
+
+/// 80 % of the memory of this machine, 4 GiB where the system does not tell.
+fn default_memory_limit() -> u64 {
+    let total = std::fs::read_to_string("/proc/meminfo").ok().and_then(|info| {
+        let line = info.lines().find(|l| l.starts_with("MemTotal:"))?;
+        line.split_whitespace().nth(1)?.parse::<u64>().ok()
+    });
+    total.map_or(4 << 30, |kib| kib * 1024 / 5 * 4)
+}

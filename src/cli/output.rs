@@ -1,0 +1,167 @@
+//! Which files a command writes: names, formats, and whether they can be written.
+
+use super::{Outcome, text};
+use crate::error::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// A kind of file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Format {
+    Glb,
+    Ply,
+    Png,
+}
+
+impl Format {
+    fn of(path: &Path) -> Result<Self> {
+        let suffix = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        match suffix.as_deref() {
+            Some("glb") => Ok(Self::Glb),
+            Some("ply") => Ok(Self::Ply),
+            Some("png") => Ok(Self::Png),
+            Some("gltf") => {
+                Err(Error::argument("output", path.display(), ".glb, .ply or .png", "write .glb: glTF in one file"))
+            }
+            _ => Err(Error::argument(
+                "output",
+                path.display(),
+                "a name ending in .glb, .ply or .png",
+                "the ending decides the format",
+            )),
+        }
+    }
+}
+
+/// A file to write.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Target {
+    pub(super) path: PathBuf,
+    pub(super) format: Format,
+}
+
+/// The files for all isovalues × environments, isovalue-major, from `-o`: one name, a pattern with
+/// `{isovalue}` and `{env}`, or a directory.
+pub(super) fn targets(output: &Path, name: &str, isovalues: &[f64], environments: &[String]) -> Outcome<Vec<Target>> {
+    let pattern = output.to_string_lossy().into_owned();
+    let several = isovalues.len() * environments.len() > 1;
+    let is_folder = output.is_dir() || pattern.ends_with(['/', '\\']);
+    if is_folder && !several {
+        let remedy = format!("give a file name in it such as {}", output.join("surface.glb").display());
+        return Err(Error::argument("output", output.display(), "a file name; this is a directory", remedy).into());
+    }
+    let pattern = if is_folder {
+        let file = format!("{}-{{isovalue}}-{{env}}.glb", clean(name));
+        output.join(file).to_string_lossy().into_owned()
+    } else {
+        pattern
+    };
+    let needs = [("{isovalue}", isovalues.len()), ("{env}", environments.len())];
+    if let Some((part, n)) = needs.iter().find(|(part, n)| *n > 1 && !pattern.contains(part)) {
+        let stem = output.with_extension("");
+        let suffix = output.extension().map_or("glb".into(), |e| e.to_string_lossy());
+        let remedy =
+            format!("write for example -o \"{}-{{isovalue}}-{{env}}.{suffix}\", or name a directory", stem.display());
+        return Err(
+            Error::argument("output", output.display(), format!("{part} in the name for {n} of them"), remedy).into()
+        );
+    }
+    let mut targets = Vec::new();
+    for c in isovalues {
+        for env in environments {
+            let path = pattern.replace("{isovalue}", &text::number(*c, 8)).replace("{env}", &clean(env));
+            let path = PathBuf::from(path);
+            targets.push(Target { format: Format::of(&path)?, path });
+        }
+    }
+    if let Some(twice) = (1..targets.len()).find(|&i| targets[..i].iter().any(|t| t.path == targets[i].path)) {
+        let path = targets[twice].path.display();
+        return Err(Error::argument(
+            "output",
+            path,
+            "different names",
+            "two of the environments or isovalues are the same",
+        )
+        .into());
+    }
+    if is_folder && !output.exists() {
+        check_folder(output)?;
+    } else {
+        targets.iter().try_for_each(|t| check_file(&t.path))?;
+    }
+    Ok(targets)
+}
+
+/// Makes the directory that `-o` names with a slash at its end, if it is not there.
+pub(super) fn make_folder(output: &Path) -> Result<()> {
+    if !output.to_string_lossy().ends_with(['/', '\\']) || output.is_dir() {
+        return Ok(());
+    }
+    std::fs::create_dir(output).map_err(|e| Error::io(output, "make the directory", e))
+}
+
+/// A name as a part of a file name.
+pub(super) fn clean(name: &str) -> String {
+    name.chars().map(|c| if c.is_alphanumeric() || "-_.+".contains(c) { c } else { '_' }).collect()
+}
+
+/// Refuses a file that cannot be written, before any work is done for it.
+pub(super) fn check_file(path: &Path) -> Result<()> {
+    if path.is_dir() {
+        return Err(Error::argument(
+            "output",
+            path.display(),
+            "a file name; this is a directory",
+            "give a file name in it",
+        ));
+    }
+    check_folder(path)
+}
+
+/// Refuses a path whose directory is not there or does not take new files.
+pub(super) fn check_folder(path: &Path) -> Result<()> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        return Err(Error::argument(
+            "output",
+            path.display(),
+            format!("a directory {} to write in", folder.display()),
+            "make it first, or check the path",
+        ));
+    }
+    // The only sure test of permission is to write.
+    tempfile::Builder::new().prefix(".isolume-").tempfile_in(folder).map(drop).map_err(|e| Error::io(path, "write", e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(output: &str, isovalues: &[f64], environments: &[&str]) -> Result<Vec<String>> {
+        let environments: Vec<String> = environments.iter().map(|e| e.to_string()).collect();
+        match targets(Path::new(output), "brain", isovalues, &environments) {
+            Ok(list) => Ok(list.iter().map(|t| t.path.display().to_string()).collect()),
+            Err(super::super::Failure::Library(e)) => Err(e),
+            Err(_) => unreachable!("targets gives library errors"),
+        }
+    }
+
+    #[test]
+    fn patterns_name_every_combination() {
+        let list = names("a-{isovalue}-{env}.png", &[90.0, 160.5], &["sky", "sun:0,45"]).expect("a full pattern");
+        assert_eq!(list, ["a-90-sky.png", "a-90-sun_0_45.png", "a-160.5-sky.png", "a-160.5-sun_0_45.png"]);
+        assert_eq!(names("a.glb", &[90.0], &["sky"]).expect("one name"), ["a.glb"]);
+    }
+
+    #[test]
+    fn ambiguous_names_are_refused() {
+        for (output, isovalues, environments) in [
+            ("a.glb", &[1.0, 2.0][..], &["sky"][..]),
+            ("a-{isovalue}.glb", &[1.0, 2.0], &["sky", "studio"]),
+            ("a-{env}.glb", &[1.0], &["sky", "sky"]),
+            ("a.obj", &[1.0], &["sky"]),
+            (".", &[1.0], &["sky"]),
+        ] {
+            assert!(names(output, isovalues, environments).is_err(), "{output}");
+        }
+    }
+}

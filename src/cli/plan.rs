@@ -1,0 +1,75 @@
+//! `isolume plan`: what a bake would simulate, and why.
+
+use super::baking::Job;
+use super::console::Console;
+use super::input::VolumeArgs;
+use super::options::BakeArgs;
+use super::{Outcome, input, text};
+use crate::level::Pyramid;
+use crate::scene;
+
+/// Show which effects a bake needs, with the reason and the error of what is dropped
+///
+/// A trial of two thousand texels with 16 rays each estimates what the volume does to light. Nothing is
+/// written.
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  isolume plan brain.nii.gz --isovalues auto --rays 256")]
+pub(super) struct Plan {
+    /// Volume file, or a field such as bumpbox or gyroid:128
+    #[arg(value_name = "VOLUME")]
+    input: String,
+    #[command(flatten)]
+    bake: BakeArgs,
+    #[command(flatten)]
+    volume: VolumeArgs,
+    /// Largest albedo that will be asked for [default: 0.7]
+    #[arg(long, value_name = "RHO")]
+    albedo: Option<f32>,
+}
+
+impl Plan {
+    pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
+        let opened = input::open(&self.input, &self.volume)?;
+        let volume = &opened.volume;
+        let layout = self.bake.transfer.layout(volume, &self.bake.bands)?;
+        let settings = self.bake.transfer.settings(&layout, seed);
+        let chosen = self.bake.isovalues(volume, opened.default_isovalue)?;
+        let isovalues = chosen.map(|list| list.iter().map(|c| c.value).collect());
+        let memory_limit = self.bake.transfer.memory_limit;
+        let job = Job { volume, label: &opened.label, layout, settings, isovalues, memory_limit };
+        if let Some(albedo) = self.albedo {
+            crate::relight::Material::new([albedo; 3], [0.0; 3])?;
+        }
+        let pyramid = Pyramid::new(volume);
+        let selection = job.selection(&job.asked());
+        let plan = job.plan(&pyramid, &selection, self.albedo)?;
+        console.print(table(&plan));
+        console.print(format!(
+            "\n{} texels with a level set, {}rays, at most {} in the store",
+            text::count(plan.valid_texels as u64),
+            text::metric(plan.rays),
+            text::bytes(plan.bytes)
+        ));
+        let json = serde_json::to_value(&plan).unwrap_or_default();
+        console.print_json(&json);
+        Ok(())
+    }
+}
+
+/// The plan as a table.
+pub(super) fn table(plan: &scene::Plan) -> String {
+    let header = ["effect", "", "setting", "cost", "error of what is dropped", "reason"].map(String::from).to_vec();
+    let mut rows = vec![header];
+    for effect in &plan.effects {
+        let kind = if effect.estimated { "estimate" } else { "bound" };
+        rows.push(vec![
+            effect.name.into(),
+            if effect.on { "on" } else { "off" }.into(),
+            effect.setting.clone(),
+            if effect.cost_share > 0.0 { format!("{:.0} %", 100.0 * effect.cost_share) } else { "-".into() },
+            effect.error.map_or("-".into(), |e| format!("{} ({kind})", text::percent(e))),
+            effect.reason.clone(),
+        ]);
+    }
+    text::table(&rows)
+}

@@ -1,0 +1,103 @@
+//! A surface ready to be lit: mesh, normals, and the bricks that its lookups read.
+
+use crate::error::Result;
+use crate::export::{ExportMesh, Positions, StandardError};
+use crate::geom::Up;
+use crate::level::{LevelField, Pyramid};
+use crate::relight::texels_of_isosurface;
+use crate::render::{Camera, Projection, View};
+use crate::surface::{Mesh, extract_with_normals};
+use crate::transfer::Lattice;
+use crate::volume::{LengthUnit, Sample, Volume};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use std::time::{Duration, Instant};
+
+/// An isosurface and what is needed to light it.
+pub(super) struct Surface {
+    pub(super) isovalue: f64,
+    pub(super) mesh: Mesh,
+    /// World positions relative to the centre of the volume's box.
+    positions: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    /// Bricks that lookups on it read.
+    pub(super) bricks: Vec<[usize; 3]>,
+    pub(super) extract_time: Duration,
+    pub(super) select_time: Duration,
+}
+
+impl Surface {
+    /// Extracts the isosurface. Normals are those of the tracer; where they vanish, those of the facets.
+    pub(super) fn new(volume: &Volume, pyramid: &Pyramid, lattice: Lattice, isovalue: f64) -> Result<Self> {
+        let start = Instant::now();
+        let mesh =
+            with_samples!(volume.samples(), s => extract(volume, &LevelField::new(volume, s, pyramid), isovalue))?;
+        let centre = volume.world_bounds().centre();
+        let world_from_grid = volume.world_from_grid();
+        let place = |p: &[f32; 3]| (world_from_grid.point(DVec3::from_array(p.map(f64::from))) - centre).as_vec3();
+        let positions = mesh.positions_in_grid.par_iter().map(place).collect();
+        let normals = mesh.normals.iter().map(|n| Vec3::from_array(*n)).collect();
+        let extract_time = start.elapsed();
+        let start = Instant::now();
+        let bricks = texels_of_isosurface(volume, lattice, isovalue).bricks();
+        Ok(Self { isovalue, mesh, positions, normals, bricks, extract_time, select_time: start.elapsed() })
+    }
+
+    /// The mesh as the writers take it; `radiance` comes with its standard errors.
+    pub(super) fn export<'a>(
+        &'a self,
+        name: &'a str,
+        volume: &Volume,
+        up: Up,
+        colours: &'a [[f32; 3]],
+        radiance: Option<(&'a [[f32; 3]], &'a [f32])>,
+    ) -> ExportMesh<'a> {
+        ExportMesh {
+            name,
+            positions: Positions::FromCentre(&self.positions),
+            normals_in_world: &self.normals,
+            triangles: &self.mesh.triangles,
+            colours,
+            radiance: radiance.map(|(radiance, _)| radiance),
+            standard_error: radiance.map(|(_, errors)| StandardError::Grey(errors)),
+            box_in_world: volume.world_bounds(),
+            up,
+            metres_per_unit: match volume.unit {
+                LengthUnit::Unknown => None,
+                LengthUnit::Metres(metres) => Some(metres),
+            },
+        }
+    }
+
+    /// A camera that has all of the surface in view; the whole box of the volume when there is no vertex.
+    pub(super) fn camera(&self, volume: &Volume, up: Up, view: View, projection: Projection, aspect: f64) -> Camera {
+        let all = volume.world_bounds();
+        if self.positions.is_empty() {
+            return Camera::framing(&all, up, view, projection, aspect);
+        }
+        // Cut faces show in pictures: corners of the box that are solid belong to what is seen.
+        let points = self.positions.iter().map(|p| p.as_dvec3() + all.centre()).chain(self.solid_corners(volume));
+        Camera::framing_points(points, up, view, projection, aspect)
+    }
+}
+
+impl Surface {
+    /// Corners of the box inside the solid, in world.
+    fn solid_corners(&self, volume: &Volume) -> Vec<DVec3> {
+        let last = volume.dims().map(|d| d - 1);
+        let corners = (0..8).map(|i| [0, 1, 2].map(|a| if i >> a & 1 == 0 { 0 } else { last[a] }));
+        let raw = volume.raw_from_value(self.isovalue);
+        let solid = |&[x, y, z]: &[usize; 3]| {
+            let sample = f64::from(volume.samples().raw(volume.index(x, y, z)));
+            f64::from(volume.solid_sign()) * (sample - raw) > 0.0
+        };
+        let place = |c: [usize; 3]| volume.world_from_grid().point(DVec3::from_array(c.map(|v| v as f64)));
+        corners.filter(solid).map(place).collect()
+    }
+}
+
+fn extract<T: Sample>(volume: &Volume, field: &LevelField<'_, T>, isovalue: f64) -> Result<Mesh> {
+    extract_with_normals(volume, isovalue, &|position| {
+        field.normal(&field.locate(position.map(f64::from))).map_or([0.0; 3], |n| n.vec().to_array())
+    })
+}

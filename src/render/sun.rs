@@ -1,0 +1,162 @@
+//! Direct light of a sun that was split off the environment: visibility rays on the level set.
+//!
+//! Exitant radiance is ρ/π · flux · (mean over the disk of V(x, ω)(n·ω)⁺). The rays obey the rule of the
+//! bake: they start *on* the level set of their point, so they can neither hit it at once nor leak.
+
+use crate::geom::{Frame, Normal};
+use crate::level::{CellPoint, Counts, LevelField, Outcome, Pyramid, Start};
+use crate::probe::{Orientation, Sun};
+use crate::sampling::{PathSampler, warp};
+use crate::volume::{Sample, Volume, with_samples};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+/// A sun as it stands in the world, with the number of rays to give it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SunLight {
+    /// Unit vector to the centre of its disk.
+    pub direction_in_world: DVec3,
+    /// Half the angle across, in radians.
+    pub angular_radius: f64,
+    /// Radiance times solid angle, red, green, blue.
+    pub flux: [f64; 3],
+    /// Visibility rays for each surface point, at least 1; powers of two are spread best. 16 give a
+    /// penumbra 4 bits of depth; a single ray goes to the centre and makes hard shadows.
+    pub rays: u32,
+}
+
+impl SunLight {
+    /// The sun of a probe that stands as `orientation` says.
+    pub fn new(sun: &Sun, orientation: Orientation, rays: u32) -> Self {
+        Self {
+            direction_in_world: sun.direction_in_world(orientation),
+            angular_radius: sun.angular_radius,
+            flux: sun.flux,
+            rays,
+        }
+    }
+}
+
+/// How much of a sun reaches each point.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SunVisibility {
+    /// Mean over the disk of V(x, ω)(n·ω)⁺, in [0, 1], one entry a position;
+    /// [`crate::relight::VertexRadiance::add_sun`] turns it into radiance.
+    pub lit: Vec<f32>,
+    /// Visibility rays: their own count, apart from the rays of the transport and of cameras.
+    pub counts: Counts,
+}
+
+/// Seed of the points on the disk: any would do; a fixed one makes the same numbers every time.
+const SEED: u64 = 0x5375_6e20_7261_7973;
+
+/// Points tested by one task.
+const TASK: usize = 256;
+
+/// The disk of a sun, ready for rays.
+pub(super) struct Disk {
+    frame: Frame,
+    /// 1 − cos of the angular radius.
+    height: f32,
+    sine: f32,
+    rays: u32,
+}
+
+impl Disk {
+    pub(super) fn new(sun: &SunLight) -> Self {
+        let towards = sun.direction_in_world.as_vec3();
+        // A normal points down a gradient. A zero direction lights nothing whatever the frame.
+        let axis = Normal::down_gradient(-towards);
+        let frame =
+            axis.map_or(Frame { tangent: Vec3::ZERO, bitangent: Vec3::ZERO, normal: Vec3::ZERO }, Frame::around);
+        let radius = sun.angular_radius.clamp(0.0, std::f64::consts::FRAC_PI_2);
+        Self { frame, height: warp::cap_height(radius), sine: libm::sin(radius) as f32, rays: sun.rays.max(1) }
+    }
+
+    /// Unit vector to the centre.
+    pub(super) fn towards(&self) -> Vec3 {
+        self.frame.normal
+    }
+
+    /// Mean of V(x, ω)(n·ω)⁺ over the disk at a point of the level set; `item` picks the points.
+    pub(super) fn lit_cosine<T: Sample>(
+        &self,
+        field: &LevelField<'_, T>,
+        isovalue: f32,
+        at: CellPoint,
+        normal_in_world: Vec3,
+        item: u64,
+        counts: &mut Counts,
+    ) -> f32 {
+        // The whole disk below the horizon: n·s ≤ −sin α.
+        if self.towards().dot(normal_in_world) <= -self.sine {
+            return 0.0;
+        }
+        let start = Start::on(at);
+        let sequence = PathSampler::new(SEED, item, 0).sequence(0);
+        let mut sum = 0.0;
+        for ray in 0..self.rays {
+            let local = match self.rays {
+                1 => Vec3::Z,
+                _ => warp::square_to_uniform_cone(sequence.point(ray), self.height),
+            };
+            let direction = self.frame.from_local(local);
+            let cosine = direction.dot(normal_in_world);
+            if cosine <= 0.0 {
+                continue;
+            }
+            let outcome = field.trace(isovalue, &start, field.direction_in_grid(direction), counts);
+            if outcome == Outcome::Escaped {
+                sum += cosine;
+            }
+        }
+        sum / self.rays as f32
+    }
+}
+
+/// Tests the visibility of a sun from points of the level set of `isovalue` (a value of the file), such
+/// as the vertices of its mesh. Normals are unit vectors in world axes. A point with a normal of zero
+/// stays dark. A grid without cells has no shadows, only cosines.
+///
+/// The numbers are a function of the position's index: the same for any number of threads.
+///
+/// # Panics
+/// When there are not as many normals as positions.
+pub fn sun_visibility(
+    volume: &Volume,
+    pyramid: &Pyramid,
+    isovalue: f64,
+    positions_in_grid: &[[f32; 3]],
+    normals_in_world: &[[f32; 3]],
+    sun: &SunLight,
+) -> SunVisibility {
+    assert_eq!(positions_in_grid.len(), normals_in_world.len());
+    let disk = Disk::new(sun);
+    let mut lit = vec![0.0f32; positions_in_grid.len()];
+    if volume.dims().iter().any(|&d| d < 2) {
+        for (lit, normal) in lit.iter_mut().zip(normals_in_world) {
+            *lit = disk.towards().dot(Vec3::from_array(*normal)).max(0.0);
+        }
+        return SunVisibility { lit, counts: Counts::default() };
+    }
+    let raw = volume.raw_from_value(isovalue) as f32;
+    let parts: Vec<Counts> = with_samples!(volume.samples(), s => {
+        let field = LevelField::new(volume, s, pyramid);
+        lit.par_chunks_mut(TASK)
+            .enumerate()
+            .map(|(task, lit)| {
+                let mut counts = Counts::default();
+                for (i, lit) in lit.iter_mut().enumerate() {
+                    let i = task * TASK + i;
+                    let at = field.locate(positions_in_grid[i].map(f64::from));
+                    let normal = Vec3::from_array(normals_in_world[i]);
+                    *lit = disk.lit_cosine(&field, raw, at, normal, i as u64, &mut counts);
+                }
+                counts
+            })
+            .collect()
+    });
+    let mut counts = Counts::default();
+    parts.into_iter().for_each(|part| counts += part);
+    SunVisibility { lit, counts }
+}

@@ -1,0 +1,100 @@
+//! From the sums of the replicates to means and standard errors.
+
+use super::REPLICATES;
+use super::path::{Scratch, Settings, TexelEstimate};
+use crate::geom::Normal;
+use crate::sh;
+
+/// Means and standard errors from the sums of the replicates.
+pub(super) fn combine(
+    normal: Normal,
+    settings: &Settings,
+    scratch: &Scratch,
+    visible: &[u32; REPLICATES],
+    points: usize,
+    out: &mut TexelEstimate,
+) {
+    let layers = &settings.layers;
+    let coefficients = layers.coefficients();
+    let direct = layers.bands()[0] * layers.bands()[0];
+    let inverse = 1.0 / points as f32;
+    out.transfer.clear();
+    out.transfer.resize(coefficients, 0.0);
+    out.stderr.clear();
+    out.stderr.resize(layers.errors(), 0.0);
+
+    let mut cosine = [0.0f32; sh::MAX_BANDS * sh::MAX_BANDS];
+    let mut betas = [0.0f32; REPLICATES];
+    if !settings.positive {
+        clamped_cosine(layers.bands()[0], normal, &mut cosine);
+        let all: u32 = visible.iter().sum();
+        for r in 0..REPLICATES {
+            betas[r] = (all - visible[r]) as f32 * inverse / (REPLICATES - 1) as f32;
+        }
+    }
+    // Σ_k T_k,00 of each replicate, and what the target names.
+    let mut escapes = [0.0f32; REPLICATES];
+    let weights = settings.target.as_ref().map_or(&[][..], |target| &target.weights[..]);
+    let mut named = vec![[0.0f32; REPLICATES]; weights.len()];
+    for k in 0..layers.len() {
+        let bands = layers.bands()[k];
+        for l in 0..bands {
+            let mut squares = 0.0;
+            for m in 0..2 * l + 1 {
+                let in_layer = l * l + m;
+                let i = layers.offset(k) + in_layer;
+                let mut values = [0.0f32; REPLICATES];
+                for r in 0..REPLICATES {
+                    let sum = scratch.sums[r * coefficients + i];
+                    values[r] = sum * inverse;
+                    if k == 0 && !settings.positive {
+                        let all = (sum + scratch.blocked_sums[r * direct + in_layer]) * inverse;
+                        values[r] -= betas[r] * (all - cosine[in_layer]);
+                    }
+                    if in_layer == 0 {
+                        escapes[r] += values[r];
+                    }
+                }
+                for (named, weights) in named.iter_mut().zip(weights) {
+                    for r in 0..REPLICATES {
+                        named[r] += weights[i] * values[r];
+                    }
+                }
+                let (mean, variance_of_mean) = mean_and_variance_of_mean(&values);
+                out.transfer[i] = mean;
+                squares += variance_of_mean;
+            }
+            out.stderr[layers.error_offset(k) + l] = (squares / (2 * l + 1) as f32).sqrt();
+        }
+    }
+    let root_four_pi = std::f32::consts::PI.sqrt() * 2.0;
+    out.escape_stderr = root_four_pi * mean_and_variance_of_mean(&escapes).1.sqrt();
+    out.target_stderr = match settings.target {
+        Some(_) => named.iter().map(|n| mean_and_variance_of_mean(n).1).fold(0.0, f32::max).sqrt(),
+        None => out.escape_stderr,
+    };
+    out.degenerate = visible.iter().all(|&v| v == visible[0]);
+    if out.degenerate {
+        // Replicates that agree say nothing of the error; the rule of three bounds it.
+        let floor = 3.0 / (points * REPLICATES) as f32;
+        out.stderr[0] = out.stderr[0].max(floor / root_four_pi);
+    }
+}
+
+/// T of a convex body: A_l/π Y_lm(n).
+fn clamped_cosine(bands: usize, normal: Normal, out: &mut [f32]) {
+    sh::basis::evaluate_f32(bands, normal.vec(), out);
+    for l in 0..bands {
+        let factor = (sh::CLAMPED_COSINE[l] / std::f64::consts::PI) as f32;
+        for i in l * l..(l + 1) * (l + 1) {
+            out[i] *= factor;
+        }
+    }
+}
+
+/// Mean of independent replicates and the variance of that mean, in fixed order.
+fn mean_and_variance_of_mean(values: &[f32; REPLICATES]) -> (f32, f32) {
+    let mean = values.iter().sum::<f32>() / REPLICATES as f32;
+    let squares: f32 = values.iter().map(|v| (v - mean) * (v - mean)).sum();
+    (mean, squares / (REPLICATES * (REPLICATES - 1)) as f32)
+}
