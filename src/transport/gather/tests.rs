@@ -326,8 +326,9 @@ fn the_bias_estimate_finds_a_bias_put_into_the_cache() {
 
 #[test]
 fn where_nothing_is_cached_paths_go_on() {
-    // An empty cache: every hit goes on as a path, by the numbers that path uses.
-    let scene = Scene::new(waves([16, 16, 16]), Layers::uniform(3, 2).unwrap(), 16);
+    // An empty cache: every hit goes on as a path, by the numbers that path uses for its first two rays (later
+    // ones take points by their rank among the paths that are left).
+    let scene = Scene::new(waves([16, 16, 16]), Layers::uniform(2, 2).unwrap(), 16);
     let cached = cached_layers(&scene.layout.layers).unwrap();
     let cache = Cache::new(&Selection::empty(scene.layout.lattice), cached, CachePrecision::Half);
     let pass = Pass::new(&cache, scene.settings.clone());
