@@ -3,10 +3,13 @@
 use super::{Outcome, text};
 use crate::error::{Error, Result};
 use crate::geom::Up;
+use crate::probe::sun::{SunOptions, split_sun};
 use crate::probe::{self, EMBEDDED, Layout, Orientation, Probe, ReadOptions};
-use crate::relight::{Exposure, Light, Material};
+use crate::relight::{self, Exposure, Light, Material};
+use crate::render::SunLight;
 use crate::scene::{Colormap, MaterialRule};
 use crate::sh::Window;
+use crate::transfer::Layers;
 use clap::ValueEnum;
 use std::path::Path;
 
@@ -22,6 +25,9 @@ pub(super) struct LightArgs {
     /// Soften the band-limited light, against ringing
     #[arg(long, value_enum, default_value = "none")]
     pub(super) window: WindowName,
+    /// Split the dominant lamp off the environment and light it directly, by visibility rays: sharp shadows, no ringing
+    #[arg(long)]
+    pub(super) sun_split: bool,
     /// Cut the light to this many bands [default: those of the store]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=crate::sh::MAX_BANDS as i64))]
     pub(super) bands: Option<u8>,
@@ -33,12 +39,27 @@ pub(super) struct LightArgs {
     pub(super) layout: Option<Layout>,
 }
 
+/// Visibility rays for each surface point and sun.
+const SUN_RAYS: u32 = 16;
+
+/// A light ready to be contracted, and the suns that were split off it.
+pub(super) struct Lighting {
+    pub(super) light: Light,
+    pub(super) suns: Vec<SunLight>,
+    /// Whether the light is proven nowhere negative.
+    pub(super) certified: bool,
+    /// What was done, for the user.
+    pub(super) notes: Vec<String>,
+}
+
 /// A window by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum WindowName {
     None,
     Lanczos,
     Hanning,
+    /// Proven nowhere negative; costs contrast
+    Certified,
 }
 
 impl WindowName {
@@ -47,6 +68,7 @@ impl WindowName {
             Self::None => Window::None,
             Self::Lanczos => Window::Lanczos,
             Self::Hanning => Window::Hanning,
+            Self::Certified => Window::Certified,
         }
     }
 }
@@ -72,16 +94,46 @@ pub(super) fn open_probe(argument: &str, keep_negative: bool, layout: Option<Lay
 }
 
 impl LightArgs {
-    /// The light of a probe in world axes, in as many bands as the transfer can use.
-    pub(super) fn light(&self, probe: &Probe, up: Up, transfer_bands: usize) -> Result<Light> {
-        let bands = self.bands.map_or(transfer_bands, |b| usize::from(b).min(transfer_bands));
-        let orientation = Orientation::new(up, self.env_rotate)?;
-        let mut channels = probe.coefficients_in_world(bands, orientation);
-        if let Some(factors) = self.window.window().factors(bands) {
-            channels = channels.map(|c| c.filtered(&factors));
+    /// The light of a probe in world axes, cut and windowed at the band limit of each layer.
+    pub(super) fn prepare(&self, probe: &Probe, up: Up, layers: &Layers) -> Result<Lighting> {
+        if self.keep_negative && self.window == WindowName::Certified {
+            let expected = "one of the two";
+            let remedy = "light with negative pixels cannot be certified; leave one option out";
+            return Err(Error::argument("--window certified", "--keep-negative as well", expected, remedy));
         }
-        let value = |c: usize, i: usize| channels[c].values()[i];
-        Light::new((0..bands * bands).map(|i| [value(0, i), value(1, i), value(2, i)]).collect())
+        let most = layers.max_bands();
+        let bands = self.bands.map_or(most, |b| usize::from(b).min(most));
+        let orientation = Orientation::new(up, self.env_rotate)?;
+        let whole = probe.coefficients_in_world(bands, orientation);
+        let mut notes = Vec::new();
+        let mut suns = Vec::new();
+        let mut direct = whole.clone();
+        if self.sun_split {
+            let split = split_sun(probe, &SunOptions { bands, ..SunOptions::default() });
+            if split.suns.is_empty() {
+                notes.push(format!("{}: no sun was split off: {}", probe.name, split.stopped));
+            } else {
+                direct = split.rest.coefficients_in_world(bands, orientation);
+            }
+            for s in &split.suns {
+                let (share, radius) = (text::percent(s.flux_share), s.sun.angular_radius.to_degrees());
+                notes.push(format!(
+                    "{}: a lamp of radius {radius:.2}° with {share} of the light is lit apart",
+                    probe.name
+                ));
+                suns.push(SunLight::new(&s.sun, orientation, SUN_RAYS));
+            }
+        }
+        let prepared = relight::prepare(&direct, &whole, layers, self.window.window())?;
+        if self.window != WindowName::None {
+            let kept = prepared.least_kept().kept;
+            let (energy, contrast) = (text::percent(kept.energy), text::percent(kept.contrast));
+            notes.push(format!(
+                "{}: the window keeps {energy} of the energy and {contrast} of the contrast",
+                probe.name
+            ));
+        }
+        Ok(Lighting { light: prepared.light, suns, certified: self.window == WindowName::Certified, notes })
     }
 
     /// For the record of a file.

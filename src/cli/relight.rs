@@ -4,7 +4,7 @@ use super::baking::{self, Job};
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::isovalue::{Chosen, Isovalue};
-use super::light::{LightArgs, MaterialArgs, open_probe};
+use super::light::{LightArgs, Lighting, MaterialArgs, open_probe};
 use super::options::TransferArgs;
 use super::output::{Format, Target, clean, make_folder, targets};
 use super::picture::{PictureArgs, check_size, develop};
@@ -16,8 +16,8 @@ use crate::export::{Image, atomic, gltf, ply, png};
 use crate::geom::Up;
 use crate::level::{Counts, Pyramid};
 use crate::probe::Probe;
-use crate::relight::{Contracted, Exposure, Light, LookupReport, Material, SurfaceError, contract};
-use crate::render::{RenderOptions, render};
+use crate::relight::{Contracted, Exposure, LookupReport, Material, SurfaceError, contract};
+use crate::render::{RenderOptions, render_with_suns, sun_visibility};
 use crate::scene::MaterialRule;
 use crate::transfer::store::{Isovalues, Store};
 use crate::volume::Volume;
@@ -116,6 +116,10 @@ pub(super) struct Written {
     pub(super) rms_over_mean: f64,
     exposure: f32,
     negative: u64,
+    /// Visibility rays of suns that were split off.
+    sun_rays: u64,
+    /// What was done to the light.
+    notes: Vec<String>,
     remainder: f32,
     camera: Counts,
     bytes: u64,
@@ -296,14 +300,33 @@ impl Context<'_> {
     fn light(&self, surface: &Surface, probe: &Probe, target: Target) -> Outcome<Written> {
         let c = self.command;
         let isovalue = surface.isovalue;
-        let light = c.light.light(probe, self.up, self.store.layout().layers.max_bands())?;
+        let lighting = c.light.prepare(probe, self.up, &self.store.layout().layers)?;
+        let light = &lighting.light;
         let material = Material::new(self.rule.albedo(isovalue), c.material.emission.0)?;
         let mut times = Times::default();
         let start = Instant::now();
-        let contracted = contract(self.store, &surface.bricks, &light, &material)?;
+        let mut contracted = contract(self.store, &surface.bricks, light, &material)?;
+        let mut notes = lighting.notes.clone();
+        if lighting.certified {
+            let clamped = contracted.clamp_negative();
+            notes.push(format!(
+                "{}: {} of {} texels were below 0 by noise or rounding and are 0 now, {} of the energy",
+                probe.name,
+                text::count(clamped.texels),
+                text::count(clamped.of_texels),
+                text::percent(clamped.energy)
+            ));
+        }
         times.contract = start.elapsed();
         let start = Instant::now();
-        let lit = contracted.look_up(&surface.mesh.positions_in_grid, &surface.mesh.normals, &light, &material);
+        let mut lit = contracted.look_up(&surface.mesh.positions_in_grid, &surface.mesh.normals, light, &material);
+        let mut sun_rays = 0;
+        for sun in &lighting.suns {
+            let (positions, normals) = (&surface.mesh.positions_in_grid, &surface.mesh.normals);
+            let seen = sun_visibility(self.volume, self.pyramid, isovalue, positions, normals, sun);
+            lit.add_sun(&seen.lit, sun.flux, &material);
+            sun_rays += seen.counts.rays;
+        }
         let errors = contracted.look_up_errors(&surface.mesh.positions_in_grid);
         times.look_up = start.elapsed();
         if lit.report.unbaked > 0 {
@@ -323,11 +346,13 @@ impl Context<'_> {
             negative: lit.radiance.iter().filter(|v| v.iter().any(|&x| x < 0.0)).count() as u64,
             remainder: contracted.emission_remainder,
             camera: Counts::default(),
+            sun_rays,
+            notes,
             bytes: 0,
         };
         let record = self.record(probe, &material, &written);
         match written.target.format {
-            Format::Png => self.write_picture(surface, &contracted, &light, &material, record, &mut written)?,
+            Format::Png => self.write_picture(surface, &contracted, &lighting, &material, record, &mut written)?,
             _ => self.write_mesh(surface, &lit.radiance, &errors, record, &mut written)?,
         }
         written.bytes = std::fs::metadata(&written.target.path).map_or(0, |m| m.len());
@@ -364,7 +389,7 @@ impl Context<'_> {
         &self,
         surface: &Surface,
         contracted: &Contracted,
-        light: &Light,
+        lighting: &Lighting,
         material: &Material,
         record: Value,
         written: &mut Written,
@@ -374,8 +399,9 @@ impl Context<'_> {
         let (width, height) = args.size;
         let camera = surface.camera(self.volume, self.up, args.view, args.projection(), width as f64 / height as f64);
         let options = RenderOptions { width, height, supersampling: SUPERSAMPLING };
+        let (isovalue, light, suns) = (surface.isovalue, &lighting.light, &lighting.suns);
         let picture =
-            render(self.volume, self.pyramid, surface.isovalue, contracted, light, material, &camera, &options);
+            render_with_suns(self.volume, self.pyramid, isovalue, contracted, light, material, &camera, &options, suns);
         if picture.report.unbaked > 0 {
             return Err(self.unbaked(surface.isovalue, &picture.report));
         }
@@ -491,12 +517,16 @@ fn report(console: &Console, surfaces: &[Surface], written: &[Written], read: Du
         text::count(total.unbaked),
     ));
     console.print(format!(
-        "error: standard error of the radiance, RMS over the vertices, over its mean\nread {}; transport rays {}, camera rays {}",
+        "error: standard error of the radiance, RMS over the vertices, over its mean\nread {}; transport rays {}, camera rays {}, sun rays {}",
         text::duration(read),
         text::count(transport_rays),
-        text::count(camera_rays)
+        text::count(camera_rays),
+        text::count(written.iter().map(|w| w.sun_rays).sum())
     ));
     for w in written {
+        for note in &w.notes {
+            console.note(note);
+        }
         if w.negative > 0 {
             console.note(format!(
                 "{}: {} vertices have a negative channel (ringing of the band-limited light), shown as 0; --window softens it",
@@ -535,7 +565,7 @@ fn file_json(w: &Written) -> Value {
         "bytes": w.bytes,
         "exposure_ev": f64::from(w.exposure).log2(),
         "error": { "rms_over_mean": w.rms_over_mean, "median_relative": finite(w.error.median) },
-        "negative_vertices": w.negative,
+        "negative_vertices": w.negative, "sun_rays": w.sun_rays, "light_notes": w.notes,
         "emission_remainder": w.remainder,
         "lookups": {
             "all": w.report.lookups, "renormalised": w.report.renormalised,

@@ -142,12 +142,14 @@ fn stationary_points(b: &Cubic) -> [f32; 2] {
 /// The root in a bracket with f(low) ≤ 0 < f(high) holding exactly one: Newton, safeguarded by
 /// bisection (Press et al. 2007, Numerical Recipes, section 9.4).
 fn root_in(b: &Cubic, mut low: f32, mut high: f32) -> f32 {
-    // Of the segment. A Newton step this short has an error of the order of its square behind it.
+    // Of the segment. A Newton step of LAST_STEP leaves its square behind, or at a nearly double root its own length.
     const TOLERANCE: f32 = 1.0 / 4_194_304.0;
-    const LAST_STEP: f32 = 1.0 / 4096.0;
-    // Most brackets hold a nearly straight piece: begin where the chord crosses 0.
+    const LAST_STEP: f32 = 1.0 / 16_384.0;
+    // Most brackets hold a nearly straight piece: begin where the chord crosses 0, but clear of the ends, where
+    // rounding may show the wrong sign.
     let (at_low, at_high) = (evaluate(b, low).0, evaluate(b, high).0);
-    let mut t = low + (high - low) * (at_low / (at_low - at_high)).clamp(0.0, 1.0);
+    let chord = at_low / (at_low - at_high);
+    let mut t = low + (high - low) * if chord.is_finite() { chord.clamp(0.1, 0.9) } else { 0.5 };
     let mut last_width = high - low;
     for _ in 0..48 {
         let (f, slope) = evaluate(b, t);
