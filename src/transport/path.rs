@@ -140,7 +140,7 @@ pub(super) struct PointsTaken([u32; MAX_LAYERS.div_ceil(2)]);
 impl PointsTaken {
     /// The point of the next path in line at bounce `k`, which took `before` at the last one.
     #[inline(always)]
-    pub(super) fn next(&mut self, k: usize, before: u32) -> u32 {
+    pub(super) fn point_for(&mut self, k: usize, before: u32) -> u32 {
         if k % 2 == 1 {
             return before;
         }
@@ -288,7 +288,7 @@ fn trace_replicate<T: Sample>(
         let mut kept = 0;
         for i in 0..scratch.alive.len() {
             let mut alive = scratch.alive[i];
-            alive.point = scratch.taken[replicate].next(k, alive.point);
+            alive.point = scratch.taken[replicate].point_for(k, alive.point);
             let local = warp::square_to_cosine_hemisphere(sequence.point(alive.point));
             let frame = if k == 0 { frame } else { Frame::around(alive.normal) };
             let direction = frame.from_local(local);

@@ -46,7 +46,7 @@ pub fn replay<T: Sample>(field: &LevelField<'_, T>, site: &Site, item: u64, sett
         for k in 0..settings.layers.len() {
             let mut left = Vec::new();
             for (index, mut path) in alive {
-                path.point = taken.next(k, path.point);
+                path.point = taken.point_for(k, path.point);
                 let local = warp::square_to_cosine_hemisphere(sampler.pair(path.point, k as u32));
                 let direction = Frame::around(path.normal).from_local(local);
                 let record: &mut ReplayedPath = &mut all[index];

@@ -224,7 +224,7 @@ impl Cache {
     }
 
     /// Takes a new state and gives the old one back.
-    pub(super) fn replace(&mut self, values: &mut Values, valid: Vec<bool>) {
+    pub(super) fn replace_rows(&mut self, values: &mut Values, valid: Vec<bool>) {
         std::mem::swap(&mut self.values, values);
         self.valid = valid;
     }
@@ -398,7 +398,7 @@ mod tests {
                 }
             }
         }
-        cache.replace(&mut values, flags);
+        cache.replace_rows(&mut values, flags);
         cache
     }
 

@@ -255,7 +255,7 @@ fn fill<T: Sample>(
     let (mut counts, mut lookups) = (Counts::default(), Lookups::default());
     for pass in 0..settings.passes - 1 {
         let (valid, c, l) = one_pass(field, bake, settings, &cache, pass, &mut next, progress);
-        cache.replace(&mut next, valid);
+        cache.replace_rows(&mut next, valid);
         if pass == 0 && settings.passes > 2 {
             // The first pass read nothing, so until here there was one copy.
             next = cache.blank();
