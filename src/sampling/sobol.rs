@@ -18,7 +18,7 @@
 //! contain those of j of bit k of the index (Lucas). That keeps all 32 bits of the index, where
 //! the crate `sobol_burley` stops at 2^16 points. The tests check both against that crate.
 //!
-//! Measured (test `measure_pairs`, one thread of a 2-core Xeon, baseline x86-64): 12.7 ns a pair
+//! Measured (example `measure-kernels`, one thread of a 2-core Xeon, baseline x86-64): 12.7 ns a pair
 //! one by one, seeds included, 7.4 ns in batches; `sobol_burley::sample_4d` takes 41 ns for two
 //! pairs, and those would not be padded.
 
@@ -370,37 +370,5 @@ mod tests {
             let p = crate::sampling::statistics::chi_square_test(&bins, &expected).p;
             assert!(p > sidak(0.01, 4), "index {index}: p = {p:e}");
         }
-    }
-
-    #[test]
-    #[ignore = "a measurement: cargo test --release --lib sampling::sobol -- --ignored --nocapture"]
-    fn measure_pairs() {
-        let n = 1_u32 << 14;
-        let time = |name: &str, work: &dyn Fn() -> f32| {
-            let best = (0..9)
-                .map(|_| {
-                    let start = std::time::Instant::now();
-                    std::hint::black_box(work());
-                    start.elapsed().as_nanos() as f64 / f64::from(n)
-                })
-                .fold(f64::INFINITY, f64::min);
-            println!("{name}: {best:.2} ns");
-        };
-        let sampler = PathSampler::new(std::hint::black_box(1), 2, 3);
-        time("pair, four pairs a sample", &|| {
-            let sum = |i: u32| (0..4).map(|p| sampler.pair(i, p)).map(|[x, y]| x + y).sum::<f32>();
-            (0..n / 4).map(sum).sum()
-        });
-        time("fill_pairs, 64 at a time", &|| {
-            let mut points = [[0.0; 2]; 64];
-            let mut sum = 0.0;
-            for first in (0..n).step_by(64) {
-                sampler.fill_pairs(first & 3, first, &mut points);
-                sum += points[first as usize & 63][0];
-                std::hint::black_box(&mut points);
-            }
-            sum
-        });
-        time("sobol_burley::sample_4d", &|| (0..n).map(|i| sobol_burley::sample_4d(i, 0, i & 3)[1]).sum());
     }
 }

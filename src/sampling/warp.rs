@@ -380,22 +380,4 @@ mod tests {
         }
         assert_eq!(square_to_cosine_hemisphere([0.5, 0.5]), Vec3::Z);
     }
-
-    #[test]
-    #[ignore = "a measurement: cargo test --release --lib sampling::warp -- --ignored --nocapture"]
-    fn measure_maps() {
-        let squares: Vec<[f32; 2]> = (0..4096).map(|i| [uniform(4, 0, i, 0), uniform(4, 0, i, 1)]).collect();
-        for case in &CASES {
-            let time = || {
-                let start = std::time::Instant::now();
-                let mut sum = Vec3::ZERO;
-                for &u in std::hint::black_box(&squares) {
-                    sum += (case.map)(u);
-                }
-                std::hint::black_box(sum);
-                start.elapsed().as_nanos() as f64 / squares.len() as f64
-            };
-            println!("{}: {:.1} ns", case.name, (0..50).map(|_| time()).fold(f64::INFINITY, f64::min));
-        }
-    }
 }

@@ -13,8 +13,8 @@
 //! compiler for each band count.) The convention of signs and indices is in [`crate::sh`].
 //!
 //! The f32 forms agree with each other bit for bit: [`accumulate`] runs the operations of
-//! [`evaluate_f32`] on four directions at a time, with no fused multiply-add. Measured (test
-//! `measure_accumulate`, one thread of a 2-core Xeon, baseline x86-64): 3.1 ns a direction at 5
+//! [`evaluate_f32`] on four directions at a time, with no fused multiply-add. Measured (example
+//! `measure-kernels`, one thread of a 2-core Xeon, baseline x86-64): 3.1 ns a direction at 5
 //! bands in batches of 64, 3.9 in batches of 16; 1.1 at 3 bands, 16 at 11.
 
 use super::{MAX_BANDS, index};
@@ -340,32 +340,6 @@ mod tests {
                     assert!((f64::from(weighted[i]) - plain[i]).abs() < 1e-5 * (1 + n) as f64);
                 }
             }
-        }
-    }
-
-    #[test]
-    #[ignore = "a measurement: cargo test --release --lib sh::basis -- --ignored --nocapture"]
-    fn measure_accumulate() {
-        let all = directions(1024 - 7);
-        for bands in [1, 2, 3, 4, 5, 8, 11] {
-            let mut sums = vec![0.0; count(bands)];
-            let mut best = [f64::INFINITY; 3];
-            for _ in 0..7 {
-                for (slot, chunk) in [16, 64, 1024].into_iter().enumerate() {
-                    let start = std::time::Instant::now();
-                    for _ in 0..100 {
-                        for part in std::hint::black_box(&all).chunks(chunk) {
-                            accumulate(bands, part, &mut sums);
-                        }
-                    }
-                    best[slot] = best[slot].min(start.elapsed().as_nanos() as f64 / (100.0 * all.len() as f64));
-                }
-            }
-            std::hint::black_box(&sums);
-            println!(
-                "bands {bands}: {:.2} / {:.2} / {:.2} ns a direction in batches of 16 / 64 / 1024",
-                best[0], best[1], best[2]
-            );
         }
     }
 }

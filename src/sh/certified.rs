@@ -373,19 +373,4 @@ mod tests {
         assert!(certify(&[sky, Coefficients::zero(3)]).is_err());
         assert!(certify(&[&sun * -1.0]).unwrap_err().to_string().contains("negative"));
     }
-
-    #[test]
-    #[ignore = "a measurement: cargo test --release --lib sh::certified -- --ignored --nocapture"]
-    fn measure_certify() {
-        for bands in [3, 5, 11] {
-            let channels: Vec<Coefficients> = cases(bands).into_iter().skip(4).map(|(_, f)| f).collect();
-            let start = std::time::Instant::now();
-            let window = certify(&channels).unwrap();
-            println!("{bands} bands, three channels: {:?}, {window:?}", start.elapsed());
-            for (name, f) in cases(bands) {
-                let own = certify(std::slice::from_ref(&f)).unwrap();
-                println!("  {name}: blend {:.4}, {:?}", own.blend, kept(&f.filtered(&own.factors), &f));
-            }
-        }
-    }
 }

@@ -2,7 +2,6 @@
 
 mod damage;
 mod paths;
-mod speed;
 
 use super::super::texture::MemoryTexture;
 use super::super::{BRICK_TEXELS, Brick, BrickSource, Lattice, Layers};
