@@ -3,7 +3,7 @@
 //! cargo run --release --example bake -- target/bumps.isolume
 
 use isolume::level::Pyramid;
-use isolume::transfer::store::{ChunkExtent, Identity, Isovalues, Store};
+use isolume::transfer::store::{ChunkExtent, Identity, Store};
 use isolume::transfer::{Lattice, Layers, Layout};
 use isolume::transport::{Bake, Progress, Settings, bake};
 use isolume::volume::field;
@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // Where it goes: chunk after chunk into a store; a chunk that is there already is handed back by `present`.
     let identity = Identity::new(&volume, &layout, "path", settings.positive, settings.seed);
     let store = Store::open_or_create(&path, &volume, &identity, serde_json::Value::Null)?;
-    let extent = ChunkExtent { isovalues: Isovalues::List(vec![isovalue]), rays: settings.rays, error_target: None };
+    let extent = ChunkExtent::new(Some(isovalue), settings.rays, None);
     let present = |chunk| Ok(store.read_chunk(chunk)?.map(|(bricks, _)| bricks));
     let mut write = |chunk, bricks| store.write_chunk(chunk, bricks, &extent);
     let summary = bake(&request, &request.chunks(), &Progress::default(), &present, &mut write)?;

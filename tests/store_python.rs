@@ -4,7 +4,7 @@
 use glam::DVec3;
 use half::f16;
 use isolume::geom::Affine;
-use isolume::transfer::store::{ChunkExtent, Identity, Isovalues, Store, pack_zip};
+use isolume::transfer::store::{ChunkExtent, Identity, Store, pack_zip};
 use isolume::transfer::{Brick, Lattice, Layers, Layout};
 use isolume::volume::{Samples, Volume};
 use std::process::Command;
@@ -126,7 +126,7 @@ fn write(path: &std::path::Path) {
     }
     let mut bricks = vec![None; 64];
     bricks[1 + 16 * 2] = Some(brick);
-    let extent = ChunkExtent { isovalues: Isovalues::All, rays: 64, error_target: None };
+    let extent = ChunkExtent::new(None, 64, None);
     store.write_chunk([0; 3], bricks, &extent).unwrap();
     // A chunk in which nothing had to be baked: a shard without bricks.
     store.write_chunk([0, 0, 1], vec![None; 64], &extent).unwrap();

@@ -8,7 +8,7 @@ use half::f16;
 use isolume::sampling::{PathSampler, warp};
 use isolume::sh::{Coefficients, basis, certified};
 use isolume::surface::extract;
-use isolume::transfer::store::{ChunkExtent, Identity, Isovalues, Store};
+use isolume::transfer::store::{ChunkExtent, Identity, Store};
 use isolume::transfer::{Brick, BrickSource, Lattice, Layers, Layout};
 use isolume::volume::field;
 use std::hint::black_box;
@@ -120,7 +120,7 @@ fn store(directory: &Path) -> isolume::Result<()> {
     for (i, v) in brick.transfer.iter_mut().enumerate() {
         *v = f16::from_bits((i as u16).wrapping_mul(40_503));
     }
-    let extent = ChunkExtent { isovalues: Isovalues::All, rays: 64, error_target: None };
+    let extent = ChunkExtent::new(None, 64, None);
     let megabytes = (1 << 24) as f64 * (2 * layers.coefficients() + 2 * layers.errors() + 5) as f64 / 1e6;
     let mut seconds = 0.0;
     for index in (0..512).map(|i| [i % 8, i / 8 % 8, i / 64]) {

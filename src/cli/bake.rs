@@ -1,13 +1,19 @@
 //! `isolume bake`: fills a transfer store.
 
-use super::baking::{Job, fill, size_on_disk};
+use super::baking::{ForLight, Goal, Job, Share, fill, parse_time, size_on_disk};
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
+use super::light::open_probe;
 use super::options::BakeArgs;
 use super::{Failure, Outcome, input, output, replay};
+use crate::probe::Orientation;
+use crate::relight::Material;
+use crate::transfer::Layout;
 use crate::transfer::store::Store;
+use crate::volume::Volume;
 use serde_json::json;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// Compute the light transfer of a volume, once for every environment
 ///
@@ -17,7 +23,9 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume bake brain.nii.gz --rays 64 --layers 4 -o brain.isolume
-  isolume bake bumpbox:128 --isovalues 30,60 --rays 256 -o bumps.isolume
+  isolume bake bumpbox:128 --isovalues 30,60 --error 1% -o bumps.isolume
+  isolume bake brain.nii.gz --time 90s -o brain.isolume
+  isolume bake brain.nii.gz --chunks 1/2 -o brain.isolume   (and 2/2 on another machine; see merge)
   isolume bake brain.nii.gz --replay-texel 90,120,80")]
 pub(super) struct Bake {
     /// Volume file, or a field such as bumpbox or gyroid:128
@@ -28,6 +36,22 @@ pub(super) struct Bake {
     output: Option<PathBuf>,
     #[command(flatten)]
     bake: BakeArgs,
+    /// Choose the standard error such that the command takes this long, such as 90s or 1h30m
+    #[arg(long, value_name = "TIME", value_parser = parse_time, conflicts_with = "chunks")]
+    time: Option<Duration>,
+    /// Measure --error and --time by the radiance under this environment, over its mean: the image file or name
+    /// that relight takes
+    #[arg(long, value_name = "PROBE")]
+    for_env: Option<String>,
+    /// Turn that environment counter-clockwise about up, in degrees
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true, requires = "for_env")]
+    env_rotate: f64,
+    /// Albedo under that environment
+    #[arg(long, value_name = "RHO", default_value_t = 0.7, requires = "for_env")]
+    albedo: f32,
+    /// Bake only share i of n of the chunks; several processes may fill one store so, or each its own for merge
+    #[arg(long, value_name = "I/N", value_parser = Share::parse)]
+    chunks: Option<Share>,
     #[command(flatten)]
     volume: VolumeArgs,
     /// Replace a store that is there
@@ -40,6 +64,7 @@ pub(super) struct Bake {
 
 impl Bake {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
+        let start = Instant::now();
         if let (Some(path), None) = (&self.output, self.replay_texel) {
             check_output(path)?;
         }
@@ -49,7 +74,7 @@ impl Bake {
             console.note(&note.text);
         }
         let layout = self.bake.transfer.layout(volume, &self.bake.bands)?;
-        let settings = self.bake.transfer.settings(&layout, seed);
+        let settings = self.bake.transfer.settings(&layout, seed, self.time.is_some());
         if let Some(texel) = self.replay_texel {
             return replay::run(volume, &layout, &settings, texel, console);
         }
@@ -61,7 +86,9 @@ impl Bake {
         }
         let isovalues = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let memory_limit = self.bake.transfer.memory_limit;
-        let job = Job { volume, label: &opened.label, layout, settings, isovalues, memory_limit };
+        let goal = Goal { error: self.bake.transfer.error, light: self.light(volume, &layout)?, time: self.time };
+        let (label, estimator, share) = (&opened.label, self.bake.estimator, self.chunks);
+        let job = Job { volume, label, layout, settings, goal, estimator, isovalues, share, memory_limit, start };
         job.check_memory()?;
         let Some(path) = &self.output else {
             return Err(Failure::Message("the output is missing: give -o X.isolume".into()));
@@ -80,6 +107,27 @@ impl Bake {
             "bake": report.json(bytes),
         }));
         Ok(())
+    }
+}
+
+impl Bake {
+    /// The environment that errors are measured by.
+    fn light(&self, volume: &Volume, layout: &Layout) -> Outcome<Option<ForLight>> {
+        let Some(name) = &self.for_env else { return Ok(None) };
+        if self.bake.transfer.error.is_none() && self.time.is_none() {
+            return Err(crate::Error::argument(
+                "--for-env",
+                format!("{name} without a target"),
+                "--error or --time beside it",
+                "add --error 2%: the standard error of the radiance under this environment, over its mean",
+            )
+            .into());
+        }
+        Material::new([self.albedo; 3], [0.0; 3])?;
+        let probe = open_probe(name, false, None)?;
+        let orientation = Orientation::new(self.volume.up.unwrap_or(volume.up), self.env_rotate)?;
+        let light = probe.coefficients_in_world(layout.layers.max_bands(), orientation);
+        Ok(Some(ForLight::new(probe.name, light, self.albedo)))
     }
 }
 

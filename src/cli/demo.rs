@@ -1,6 +1,6 @@
 //! `isolume demo`: the whole way from a volume to lit surfaces, without any file.
 
-use super::baking::{Job, fill, size_on_disk};
+use super::baking::{Estimator, Goal, Job, fill, size_on_disk};
 use super::console::Console;
 use super::isovalue::Isovalue;
 use super::relight::{Relight, Relit};
@@ -153,7 +153,18 @@ fn bake(volume: &Volume, store: &Path, seed: u64, console: &Console) -> Outcome<
         .iter()
         .map(|&c| Isovalue::Value(c).resolve(volume, None).map(|c| c.value))
         .collect::<Result<_, _>>()?;
-    let job = Job { volume, label: VOLUME_NAME, layout, settings, isovalues: Some(isovalues), memory_limit: None };
+    let job = Job {
+        volume,
+        label: VOLUME_NAME,
+        layout,
+        settings,
+        goal: Goal::default(),
+        estimator: Estimator::Path,
+        isovalues: Some(isovalues),
+        share: None,
+        memory_limit: None,
+        start,
+    };
     let (_, report) = fill(&job, store, console)?;
     let bytes = size_on_disk(store);
     Ok((report.lines(bytes), report.json(bytes), start.elapsed().as_secs_f64()))

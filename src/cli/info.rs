@@ -6,10 +6,11 @@ use super::isovalue::{Isovalue, overview};
 use super::{Outcome, baking, input, options, text};
 use crate::geom::Up;
 use crate::relight::texels_of_isosurface;
-use crate::transfer::store::{Isovalues, Store};
+use crate::transfer::store::Store;
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, Selection};
 use crate::volume::{LengthUnit, Solid, Volume};
-use serde_json::{Value, json};
+use serde_json::json;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Show what is in a volume or a transfer store
@@ -164,7 +165,7 @@ impl Estimate {
         let data = volume.samples().bytes().len() as u64;
         let bytes = |s: Selection| data + s.bricks().len() as u64 * BRICK_TEXELS as u64 * texel;
         Ok(Self {
-            memory: options::bake_bytes(volume, &layout),
+            memory: options::bake_bytes(volume, &layout, 1),
             all: bytes(Selection::of_all_isosurfaces(lattice, volume)),
             one: bytes(texels_of_isosurface(volume, lattice, isovalue)),
         })
@@ -177,41 +178,70 @@ pub(super) fn is_store(argument: &str) -> bool {
     path.is_dir() || (path.is_file() && argument.ends_with(".isolume")) || argument.ends_with(".isolume.zip")
 }
 
-/// Which isovalues a store holds, and how many rays: from the records of its chunks.
-pub(super) fn holdings(store: &Store) -> crate::Result<(usize, Option<Isovalues>, u32, u32)> {
-    let [cx, cy, cz] = store.layout().lattice.chunks();
-    let (mut chunks, mut least, mut most) = (0, u32::MAX, 0);
-    let mut all: Option<Isovalues> = None;
-    for i in 0..cx * cy * cz {
-        let Some(extent) = store.chunk_extent([i % cx, i / cx % cy, i / cx / cy])? else { continue };
-        chunks += 1;
-        (least, most) = (least.min(extent.rays), most.max(extent.rays));
-        all = Some(match (all, extent.isovalues) {
-            (None, found) => found,
-            (Some(Isovalues::List(mut list)), Isovalues::List(more)) => {
-                list.extend(more);
-                list.sort_by(f64::total_cmp);
-                list.dedup();
-                Isovalues::List(list)
-            }
-            _ => Isovalues::All,
-        });
-    }
-    Ok((chunks, all, least.min(most), most))
+/// What a store holds, from the records of its chunks.
+pub(super) struct Holdings {
+    pub(super) chunks: usize,
+    /// Whether some chunk was baked for all isosurfaces.
+    pub(super) all: bool,
+    /// Other isovalues, ascending.
+    pub(super) isovalues: Vec<f64>,
+    /// Fewest and most rays of any claim; the most that a texel gets where texels stop at an error.
+    pub(super) rays: (u32, u32),
+    /// Each way in which texels stop before that, with the smallest and the largest error.
+    pub(super) targets: BTreeMap<String, (f64, f64)>,
 }
 
-/// The isovalues of a store as text.
-pub(super) fn isovalues_text(isovalues: Option<&Isovalues>) -> String {
-    match isovalues {
-        None => "none".into(),
-        Some(Isovalues::All) => "all".into(),
-        Some(Isovalues::List(list)) => list.iter().map(|c| text::number(*c, 8)).collect::<Vec<_>>().join(", "),
+impl Holdings {
+    pub(super) fn of(store: &Store) -> crate::Result<Self> {
+        let [cx, cy, cz] = store.layout().lattice.chunks();
+        let mut held =
+            Self { chunks: 0, all: false, isovalues: Vec::new(), rays: (u32::MAX, 0), targets: BTreeMap::new() };
+        for i in 0..cx * cy * cz {
+            let Some(extent) = store.chunk_extent([i % cx, i / cx % cy, i / cx / cy])? else { continue };
+            held.chunks += 1;
+            for claim in extent.claims() {
+                held.rays = (held.rays.0.min(claim.rays), held.rays.1.max(claim.rays));
+                held.all |= claim.isovalue.is_none();
+                held.isovalues.extend(claim.isovalue);
+                if let Some(target) = &claim.target {
+                    let range = held.targets.entry(target.of.clone()).or_insert((target.error, target.error));
+                    *range = (range.0.min(target.error), range.1.max(target.error));
+                }
+            }
+            held.isovalues.sort_by(f64::total_cmp);
+            held.isovalues.dedup();
+        }
+        held.rays.0 = held.rays.0.min(held.rays.1);
+        Ok(held)
+    }
+
+    /// The isovalues as text.
+    pub(super) fn isovalues_text(&self) -> String {
+        let list = self.isovalues.iter().map(|c| text::number(*c, 8)).collect::<Vec<_>>().join(", ");
+        match (self.all, list.is_empty()) {
+            (true, true) => "all".into(),
+            (true, false) => format!("all, and more of {list}"),
+            (false, true) => "none".into(),
+            (false, false) => list,
+        }
+    }
+
+    /// How well the texels are baked.
+    fn quality_text(&self) -> String {
+        let (least, most) = self.rays;
+        let rays = if least == most { most.to_string() } else { format!("{least} to {most}") };
+        let mut parts = vec![format!("{rays} rays a texel")];
+        for (of, (low, high)) in &self.targets {
+            let errors = if low == high { format!("{low}") } else { format!("{low} to {high}") };
+            parts.push(format!("or a standard error of {errors} ({of})"));
+        }
+        parts.join(", ")
     }
 }
 
 fn store(argument: &str, console: &Console) -> Outcome {
     let store = Store::open(argument)?;
-    let (chunks, isovalues, least, most) = holdings(&store)?;
+    let held = Holdings::of(&store)?;
     let identity = store.identity();
     let volume = store.volume()?;
     let m = identity.texels;
@@ -221,19 +251,16 @@ fn store(argument: &str, console: &Console) -> Outcome {
     rows.push(row("layers", format!("{} with {:?} bands", identity.bands.len(), identity.bands)));
     let sign = if identity.positive { ", positive" } else { "" };
     rows.push(row("estimator", format!("{}{sign}, seed {}", identity.estimator, identity.seed)));
-    rows.push(row("isovalues", isovalues_text(isovalues.as_ref())));
+    rows.push(row("isovalues", held.isovalues_text()));
     let all: usize = store.layout().lattice.chunks().iter().product();
-    let rays = if least == most { most.to_string() } else { format!("{least} to {most}") };
-    rows.push(row("baked", format!("{chunks} of {all} chunks, {rays} rays a texel, {}", text::bytes(bytes as f64))));
+    rows.push(row("baked", format!("{} of {all} chunks, {}", held.chunks, text::bytes(bytes as f64))));
+    rows.push(row("quality", held.quality_text()));
     console.print(text::table(&rows));
-    let held = match &isovalues {
-        None => Value::Null,
-        Some(Isovalues::All) => json!("all"),
-        Some(Isovalues::List(list)) => json!(list),
-    };
+    let isovalues = if held.all { json!("all") } else { json!(held.isovalues) };
     console.print_json(&json!({
         "store": file_name(argument), "identity": identity, "provenance": store.provenance(),
-        "isovalues": held, "chunks": chunks, "chunks_of_lattice": all, "rays": [least, most], "bytes": bytes,
+        "isovalues": isovalues, "chunks": held.chunks, "chunks_of_lattice": all, "rays": held.rays,
+        "error_targets": held.targets, "bytes": bytes,
     }));
     Ok(())
 }

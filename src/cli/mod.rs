@@ -26,6 +26,7 @@ mod info;
 mod input;
 mod isovalue;
 mod light;
+mod merge;
 mod options;
 mod output;
 mod picture;
@@ -75,7 +76,8 @@ enum Command {
     Demo(demo::Demo),
     Info(info::Info),
     Plan(plan::Plan),
-    Bake(bake::Bake),
+    Bake(Box<bake::Bake>),
+    Merge(merge::Merge),
     Relight(Box<relight::Relight>),
     Env(env::Env),
 }
@@ -138,6 +140,7 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         Command::Info(command) => command.run(console),
         Command::Plan(command) => command.run(seed, console),
         Command::Bake(command) => command.run(seed, console),
+        Command::Merge(command) => command.run(console),
         Command::Relight(command) => command.run(seed, console),
         Command::Env(command) => command.run(console),
     }

@@ -1,21 +1,22 @@
 //! What a bake computes, as options: shared by `plan`, `bake` and the lazy bake of `relight`.
 
+use super::baking::Estimator;
 use super::isovalue::{Chosen, Isovalue};
 use super::text;
 use crate::error::{Error, Result};
 use crate::sh::MAX_BANDS;
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, MAX_LAYERS};
-use crate::transport::{REPLICATES, Settings, Target};
+use crate::transport::{REPLICATES, Settings};
 use crate::volume::Volume;
 
 /// Quality of a transfer texture.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct TransferArgs {
-    /// Rays per texel, a power of two: 16 preview, 64 draft, 256 final, 4096 reference
-    #[arg(long, default_value = "64", value_name = "N", value_parser = parse_rays)]
-    pub(super) rays: u32,
-    /// Stop a texel when its standard errors of Σ a_k and of a_0 (1 = unoccluded) are this small; --rays is
-    /// then the most that it gets
+    /// Rays per texel, a power of two: 16 preview, 64 draft, 256 final, 4096 reference [default: 64; with --error or
+    /// --time 4096, the most that a texel gets]
+    #[arg(long, value_name = "N", value_parser = parse_rays)]
+    pub(super) rays: Option<u32>,
+    /// Stop a texel when its standard errors of Σ a_k and of a_0 (1 = unoccluded) are this small, such as 1%
     #[arg(long, value_name = "E", value_parser = parse_error)]
     pub(super) error: Option<f32>,
     /// Stored layers of light: 1 = direct only, N = N−1 bounces and the tail beyond [default: 4]
@@ -44,6 +45,9 @@ pub(super) struct BakeArgs {
     /// Bake only the texels that these isosurfaces need: numbers, percentages, auto
     #[arg(long, value_name = "C[,C…]", value_delimiter = ',', allow_hyphen_values = true)]
     pub(super) isovalues: Vec<Isovalue>,
+    /// Who computes the transfer
+    #[arg(long, value_enum, default_value = "path")]
+    pub(super) estimator: Estimator,
 }
 
 /// Resolution of a texture as written.
@@ -63,9 +67,10 @@ fn parse_rays(text: &str) -> std::result::Result<u32, String> {
 }
 
 fn parse_error(text: &str) -> std::result::Result<f32, String> {
-    match text.parse::<f32>() {
+    let (number, unit) = text.strip_suffix('%').map_or((text, 1.0), |percent| (percent, 100.0));
+    match number.trim().parse::<f64>().map(|n| (n / unit) as f32) {
         Ok(error) if error > 0.0 && error < 1.0 => Ok(error),
-        _ => Err("give a standard error between 0 and 1, such as 0.02".into()),
+        _ => Err("give a standard error between 0 and 1, such as 0.02 or 2%".into()),
     }
 }
 
@@ -136,11 +141,11 @@ impl TransferArgs {
         Ok(Layout { lattice, layers: Layers::new(bands)? })
     }
 
-    /// Settings of the estimator.
-    pub(super) fn settings(&self, layout: &Layout, seed: u64) -> Settings {
-        let layers = layout.layers.clone();
-        let target = self.error.map(|error| Target::escape(&layers, error));
-        Settings { layers, rays: self.rays, seed, target, positive: self.positive }
+    /// Settings of the estimator; a target follows from the goal. `in_time`: texels stop by a given time.
+    pub(super) fn settings(&self, layout: &Layout, seed: u64, in_time: bool) -> Settings {
+        let stops = in_time || self.error.is_some();
+        let rays = self.rays.unwrap_or(if stops { 4096 } else { 64 });
+        Settings { layers: layout.layers.clone(), rays, seed, target: None, positive: self.positive }
     }
 }
 
@@ -162,13 +167,16 @@ pub(super) fn texel_bytes(layers: &Layers) -> u64 {
 /// Chunks that a bake holds at a time, and twice that while they are copied into their files.
 const CHUNKS_HELD: u64 = 8;
 
-/// Bytes that a bake needs at most: the volume with its pyramid and its copy on the way into the store, the
-/// selection, and the chunks in work (written and old).
-pub(super) fn bake_bytes(volume: &Volume, layout: &Layout) -> u64 {
+/// Bytes that a bake needs at most: the volume with its pyramid and its copy on the way into the store, a
+/// selection for each isosurface and two more, and the chunks in work (written and old).
+pub(super) fn bake_bytes(volume: &Volume, layout: &Layout, isosurfaces: usize) -> u64 {
     let texels: u64 = layout.lattice.texels().iter().map(|&m| m as u64).product();
     let samples = volume.samples().len() as u64;
     let chunk = 64 * BRICK_TEXELS as u64 * texel_bytes(&layout.layers);
-    2 * volume.samples().bytes().len() as u64 + samples / 6 + texels / 8 + 2 * CHUNKS_HELD * chunk
+    2 * volume.samples().bytes().len() as u64
+        + samples / 6
+        + texels / 8 * (isosurfaces as u64 + 2)
+        + 2 * CHUNKS_HELD * chunk
 }
 
 /// Refuses by name what would take more memory than allowed.
@@ -186,7 +194,7 @@ pub(super) fn check_memory(what: &str, needed: u64, limit: Option<u64>) -> Resul
 }
 
 /// 80 % of the memory of this machine, 4 GiB where the system does not tell.
-fn default_memory_limit() -> u64 {
+pub(super) fn default_memory_limit() -> u64 {
     let total = std::fs::read_to_string("/proc/meminfo").ok().and_then(|info| {
         let line = info.lines().find(|l| l.starts_with("MemTotal:"))?;
         line.split_whitespace().nth(1)?.parse::<u64>().ok()

@@ -1,12 +1,13 @@
 //! `isolume plan`: what a bake would simulate, and why.
 
-use super::baking::Job;
+use super::baking::{Goal, Job};
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::options::BakeArgs;
 use super::{Outcome, input, text};
 use crate::level::Pyramid;
 use crate::scene;
+use std::time::Instant;
 
 /// Show which effects a bake needs, with the reason and the error of what is dropped
 ///
@@ -32,17 +33,18 @@ impl Plan {
         let opened = input::open(&self.input, &self.volume)?;
         let volume = &opened.volume;
         let layout = self.bake.transfer.layout(volume, &self.bake.bands)?;
-        let settings = self.bake.transfer.settings(&layout, seed);
+        let settings = self.bake.transfer.settings(&layout, seed, false);
         let chosen = self.bake.isovalues(volume, opened.default_isovalue)?;
         let isovalues = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let memory_limit = self.bake.transfer.memory_limit;
-        let job = Job { volume, label: &opened.label, layout, settings, isovalues, memory_limit };
+        let goal = Goal { error: self.bake.transfer.error, ..Goal::default() };
+        let (label, estimator, start) = (&opened.label, self.bake.estimator, Instant::now());
+        let job = Job { volume, label, layout, settings, goal, estimator, isovalues, share: None, memory_limit, start };
         if let Some(albedo) = self.albedo {
             crate::relight::Material::new([albedo; 3], [0.0; 3])?;
         }
         let pyramid = Pyramid::new(volume);
-        let selection = job.selection(&job.asked());
-        let plan = job.plan(&pyramid, &selection, self.albedo)?;
+        let plan = job.plan(&pyramid, self.albedo)?;
         console.print(table(&plan));
         console.print(format!(
             "\n{} texels with a level set, {}rays, at most {} in the store",

@@ -1,6 +1,6 @@
 //! `isolume relight`: light on surfaces, from a store, in milliseconds.
 
-use super::baking::{self, Job};
+use super::baking::{self, Estimator, Goal, Job};
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::isovalue::{Chosen, Isovalue};
@@ -19,16 +19,19 @@ use crate::probe::Probe;
 use crate::relight::{Contracted, Exposure, LookupReport, Material, SurfaceError, contract};
 use crate::render::{RenderOptions, render_with_suns, sun_visibility};
 use crate::scene::MaterialRule;
-use crate::transfer::store::{Isovalues, Store};
+use crate::transfer::store::Store;
+use crate::transfer::{Lattice, Layout};
+use crate::transport::Settings;
 use crate::volume::Volume;
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Light isosurfaces by environments and write them as .glb, .ply or .png
 ///
 /// From a store nothing is traced: transfer and light are multiplied. A volume is baked first, for the
-/// isovalues asked for, into a store in the user's cache folder; the next run finds it there.
+/// isovalues asked for, into a store in the user's cache folder; the next run finds it there. Where that takes
+/// longer than a moment, a draft of 16 rays a texel is written first, then replaced.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume relight brain.isolume --isovalue 90 --env courtyard -o brain.glb
@@ -62,6 +65,9 @@ pub(super) struct Relight {
     /// Where stores of volumes are kept [default: the user's cache folder]
     #[arg(long, value_name = "DIR", help_heading = "Bake of a volume")]
     cache: Option<PathBuf>,
+    /// Write no draft before the result
+    #[arg(long, help_heading = "Bake of a volume")]
+    no_draft: bool,
 }
 
 #[derive(clap::Args, Clone, Debug)]
@@ -99,6 +105,22 @@ pub(super) struct Relit {
     pub(super) files: Vec<Written>,
     pub(super) read_time: Duration,
     pub(super) transport_rays: u64,
+    drafts: Vec<Draft>,
+}
+
+/// A first version of the files, written before the bake was done.
+struct Draft {
+    rays: u32,
+    texture: [usize; 3],
+    /// From the start of the command until all files were written.
+    written_after: Duration,
+}
+
+/// A store to light from, and how it came about.
+struct Source {
+    store: Store,
+    /// Rays traced to fill it.
+    transport_rays: u64,
 }
 
 /// One file and how it came about.
@@ -134,9 +156,30 @@ fn rms_over_mean(radiance: &[[f32; 3]], errors: &[f32]) -> f64 {
     if mean > 0.0 { square.sqrt() / mean } else { 0.0 }
 }
 
+/// A relative error; black vertices have none.
+fn relative(error: f64) -> String {
+    if error.is_finite() { text::percent(error) } else { "-".into() }
+}
+
 /// JSON has no infinity: it becomes null.
 fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
+}
+
+/// What does not change from store to store.
+struct Work<'a> {
+    command: &'a Relight,
+    volume: &'a Volume,
+    isovalues: Vec<f64>,
+    probes: &'a [Probe],
+    environments: Vec<String>,
+    pyramid: Pyramid,
+    rule: MaterialRule,
+    up: Up,
+    start: Instant,
+    /// What reading and preparing took.
+    read_time: Duration,
+    console: &'a Console,
 }
 
 /// What does not change from file to file.
@@ -145,7 +188,7 @@ struct Context<'a> {
     store: &'a Store,
     volume: &'a Volume,
     pyramid: &'a Pyramid,
-    rule: MaterialRule,
+    rule: &'a MaterialRule,
     up: Up,
     /// What to type to bake an isovalue that is missing.
     bake_hint: String,
@@ -160,6 +203,7 @@ impl Relight {
 
     /// Lights and writes; prints no result.
     pub(super) fn execute(&self, seed: u64, console: &Console) -> Outcome<Relit> {
+        let start = Instant::now();
         if let Some(scale) = self.mesh.scale
             && !(scale.is_finite() && scale > 0.0)
         {
@@ -168,46 +212,22 @@ impl Relight {
         // Whatever can be wrong is refused before the bake, which may take minutes.
         self.material.rule((0.0, 1.0))?;
         let probes = self.open_probes(console)?;
-        let environments: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
-        let (store, transport_rays, volume, chosen, read_time) = if info::is_store(&self.input) {
-            self.open_store()?
-        } else {
-            self.bake_volume(&environments, seed, console)?
-        };
-        let isovalues: Vec<f64> = chosen.iter().map(|c| c.value).collect();
-        let files = targets(&self.output, &volume.name, &isovalues, &environments)?;
-        if files.iter().any(|f| f.format == Format::Png) {
-            check_size(self.picture.size, self.transfer.memory_limit)?;
+        if info::is_store(&self.input) {
+            let store = Store::open(&self.input)?;
+            let volume = store.volume()?;
+            let chosen = self.isovalues_of_store(&store, &volume)?;
+            let work = Work::new(self, &volume, &chosen, &probes, start, console)?;
+            let source = Source { store, transport_rays: 0 };
+            return work.light(&source, Vec::new());
         }
-        for c in &chosen {
-            if let Some(reason) = &c.reason {
-                console.note(format!("isovalue {}: {reason}", text::number(c.value, 6)));
-            }
+        let opened = input::open(&self.input, &self.volume)?;
+        for note in &opened.volume.notes {
+            console.note(&note.text);
         }
-        let start = Instant::now();
-        let pyramid = Pyramid::new(&volume);
-        let read_time = read_time + start.elapsed();
-        let context = Context {
-            command: self,
-            store: &store,
-            volume: &volume,
-            pyramid: &pyramid,
-            rule: self.material.rule(volume.value_range())?,
-            up: self.volume.up.unwrap_or(volume.up),
-            bake_hint: self.input.clone(),
-        };
-        make_folder(&self.output)?;
-        let mut surfaces = Vec::new();
-        let mut written = Vec::new();
-        let mut files = files.into_iter();
-        for &isovalue in &isovalues {
-            let surface = Surface::new(&volume, &pyramid, store.layout().lattice, isovalue)?;
-            for (probe, target) in probes.iter().zip(files.by_ref()) {
-                written.push(context.light(&surface, probe, target)?);
-            }
-            surfaces.push(surface);
-        }
-        Ok(Relit { surfaces, files: written, read_time, transport_rays })
+        let resolve = |i: &Isovalue| i.resolve(&opened.volume, opened.default_isovalue);
+        let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
+        let work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
+        work.bake_and_light(&opened.label, seed)
     }
 
     fn open_probes(&self, console: &Console) -> Outcome<Vec<Probe>> {
@@ -222,11 +242,8 @@ impl Relight {
         Ok(probes)
     }
 
-    #[allow(clippy::type_complexity)]
-    fn open_store(&self) -> Outcome<(Store, u64, Volume, Vec<Chosen>, Duration)> {
-        let start = Instant::now();
-        let store = Store::open(&self.input)?;
-        let volume = store.volume()?;
+    /// The isovalues asked for; `auto` is the one that the store holds, if it holds only some.
+    fn isovalues_of_store(&self, store: &Store, volume: &Volume) -> Outcome<Vec<Chosen>> {
         if let Some(side) = self.volume.solid
             && crate::volume::Solid::from(side) != volume.solid
         {
@@ -234,55 +251,13 @@ impl Relight {
             let given = format!("{side:?}").to_lowercase();
             return Err(Error::argument("--solid", given, expected, "bake the volume again with this --solid").into());
         }
-        let held = info::holdings(&store)?.1;
-        let only = match &held {
-            Some(Isovalues::List(list)) if self.isovalue.contains(&Isovalue::Auto) => one_of(list),
-            _ => None,
-        };
+        let held = info::Holdings::of(store)?;
+        let only = held.isovalues.first().copied().filter(|_| !held.all && self.isovalue.contains(&Isovalue::Auto));
         let resolve = |i: &Isovalue| match (i, only) {
             (Isovalue::Auto, Some(value)) => Ok(Chosen { value, reason: Some("the store holds it".into()) }),
-            _ => i.resolve(&volume, None),
+            _ => i.resolve(volume, None),
         };
-        let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
-        let time = start.elapsed();
-        Ok((store, 0, volume, chosen, time))
-    }
-
-    #[allow(clippy::type_complexity)]
-    fn bake_volume(
-        &self,
-        environments: &[String],
-        seed: u64,
-        console: &Console,
-    ) -> Outcome<(Store, u64, Volume, Vec<Chosen>, Duration)> {
-        let start = Instant::now();
-        let opened = input::open(&self.input, &self.volume)?;
-        for note in &opened.volume.notes {
-            console.note(&note.text);
-        }
-        let resolve = |i: &Isovalue| i.resolve(&opened.volume, opened.default_isovalue);
-        let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
-        let isovalues: Vec<f64> = chosen.iter().map(|c| c.value).collect();
-        targets(&self.output, &opened.volume.name, &isovalues, environments)?;
-        let layout = self.transfer.layout(&opened.volume, &[5])?;
-        let settings = self.transfer.settings(&layout, seed);
-        let memory_limit = self.transfer.memory_limit;
-        let volume = &opened.volume;
-        let job = Job { volume, label: &opened.label, layout, settings, isovalues: Some(isovalues), memory_limit };
-        job.check_memory()?;
-        let folder = self.cache_folder()?;
-        std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the cache folder", e))?;
-        let path = folder.join(format!("{}-{}.isolume", clean(&volume.name), &job.identity().hash()[..16]));
-        let read_time = start.elapsed();
-        let (store, report) = baking::fill(&job, &path, console)?;
-        if report.chunks_baked > 0 {
-            console.note(format!("baked into {}", path.display()));
-            console.print(report.lines(baking::size_on_disk(&path)));
-        } else {
-            console.note(format!("found in {}", path.display()));
-        }
-        let rays = report.summary.counts.rays;
-        Ok((store, rays, opened.volume, chosen, read_time))
+        Ok(self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?)
     }
 
     fn cache_folder(&self) -> Outcome<PathBuf> {
@@ -295,6 +270,150 @@ impl Relight {
         })
     }
 }
+
+impl<'a> Work<'a> {
+    fn new(
+        command: &'a Relight,
+        volume: &'a Volume,
+        chosen: &[Chosen],
+        probes: &'a [Probe],
+        start: Instant,
+        console: &'a Console,
+    ) -> Outcome<Self> {
+        let isovalues: Vec<f64> = chosen.iter().map(|c| c.value).collect();
+        let environments: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
+        let files = targets(&command.output, &volume.name, &isovalues, &environments)?;
+        if files.iter().any(|f| f.format == Format::Png) {
+            check_size(command.picture.size, command.transfer.memory_limit)?;
+        }
+        for c in chosen {
+            if let Some(reason) = &c.reason {
+                console.note(format!("isovalue {}: {reason}", text::number(c.value, 6)));
+            }
+        }
+        let pyramid = Pyramid::new(volume);
+        let rule = command.material.rule(volume.value_range())?;
+        let up = command.volume.up.unwrap_or(volume.up);
+        let read_time = start.elapsed();
+        Ok(Self { command, volume, isovalues, probes, environments, pyramid, rule, up, start, read_time, console })
+    }
+
+    /// Lights every isosurface from a store by every environment and writes the files.
+    fn light(&self, source: &Source, drafts: Vec<Draft>) -> Outcome<Relit> {
+        let context = Context {
+            command: self.command,
+            store: &source.store,
+            volume: self.volume,
+            pyramid: &self.pyramid,
+            rule: &self.rule,
+            up: self.up,
+            bake_hint: self.command.input.clone(),
+        };
+        make_folder(&self.command.output)?;
+        let mut surfaces = Vec::new();
+        let mut written = Vec::new();
+        let files = targets(&self.command.output, &self.volume.name, &self.isovalues, &self.environments)?;
+        let mut files = files.into_iter();
+        for &isovalue in &self.isovalues {
+            let surface = Surface::new(self.volume, &self.pyramid, source.store.layout().lattice, isovalue)?;
+            for (probe, target) in self.probes.iter().zip(files.by_ref()) {
+                written.push(context.light(&surface, probe, target)?);
+            }
+            surfaces.push(surface);
+        }
+        let (read_time, transport_rays) = (self.read_time, source.transport_rays);
+        Ok(Relit { surfaces, files: written, read_time, transport_rays, drafts })
+    }
+
+    /// Bakes what the isosurfaces need, coarsely first where the whole takes long, and lights them each time.
+    fn bake_and_light(&self, label: &str, seed: u64) -> Outcome<Relit> {
+        let transfer = &self.command.transfer;
+        let layout = transfer.layout(self.volume, &[5])?;
+        let settings = transfer.settings(&layout, seed, false);
+        let job = Job {
+            volume: self.volume,
+            label,
+            layout,
+            settings,
+            goal: Goal { error: transfer.error, ..Goal::default() },
+            estimator: Estimator::Path,
+            isovalues: Some(self.isovalues.clone()),
+            share: None,
+            memory_limit: transfer.memory_limit,
+            start: self.start,
+        };
+        job.check_memory()?;
+        let folder = self.command.cache_folder()?;
+        std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the cache folder", e))?;
+        let mut drafts = Vec::new();
+        for draft in self.drafts(&job, &folder)? {
+            let source = self.bake(&draft, &folder, true)?;
+            let (rays, texture) = (draft.settings.rays, draft.layout.lattice.texels());
+            drop(self.light(&source, Vec::new())?);
+            let written_after = self.start.elapsed();
+            self.console.note(format!(
+                "a draft of {rays} rays a texel, {} × {} × {} texels, is written after {}; going on",
+                texture[0],
+                texture[1],
+                texture[2],
+                text::duration(written_after)
+            ));
+            drafts.push(Draft { rays, texture, written_after });
+        }
+        let source = self.bake(&job, &folder, false)?;
+        self.light(&source, drafts)
+    }
+
+    /// The drafts that come before a bake: one of few rays where the bake would take more than a moment, and before
+    /// it one of a coarser texture where the isosurfaces need many texels.
+    fn drafts<'j>(&self, job: &Job<'j>, folder: &Path) -> Outcome<Vec<Job<'j>>> {
+        let lattice = job.layout.lattice;
+        let missing = job.texels_missing(&self.store_path(job, folder))?;
+        let paths = missing * u64::from(job.settings.rays);
+        if self.command.no_draft || job.settings.rays <= DRAFT_RAYS || paths < DRAFT_FROM_PATHS {
+            return Ok(Vec::new());
+        }
+        let few_rays = |layout: Layout| Job {
+            settings: Settings { rays: DRAFT_RAYS, ..job.settings.clone() },
+            goal: Goal::default(),
+            layout,
+            isovalues: job.isovalues.clone(),
+            ..*job
+        };
+        let mut drafts = Vec::new();
+        let all: u64 = lattice.texels().iter().map(|&m| m as u64).product();
+        if missing as f64 > DRAFT_SHARE * all as f64 {
+            let halved = std::array::from_fn(|a| lattice.texels()[a].div_ceil(2).max(lattice.grid()[a].min(2)));
+            let lattice = Lattice::from_texels(lattice.grid(), halved)?;
+            drafts.push(few_rays(Layout { lattice, layers: job.layout.layers.clone() }));
+        }
+        drafts.push(few_rays(job.layout.clone()));
+        Ok(drafts)
+    }
+
+    fn store_path(&self, job: &Job<'_>, folder: &Path) -> PathBuf {
+        folder.join(format!("{}-{}.isolume", clean(&self.volume.name), &job.identity().hash()[..16]))
+    }
+
+    fn bake(&self, job: &Job<'_>, folder: &Path, is_draft: bool) -> Outcome<Source> {
+        let path = self.store_path(job, folder);
+        let (store, report) = baking::fill(job, &path, self.console)?;
+        if report.chunks_baked == 0 {
+            self.console.note(format!("found in {}", path.display()));
+        } else if !is_draft {
+            self.console.note(format!("baked into {}", path.display()));
+            self.console.print(report.lines(baking::size_on_disk(&path)));
+        }
+        Ok(Source { store, transport_rays: report.summary.counts.rays })
+    }
+}
+
+/// Rays a texel of a draft.
+const DRAFT_RAYS: u32 = 16;
+/// Paths from which on a bake gets a draft: a few seconds on two cores.
+const DRAFT_FROM_PATHS: u64 = 1 << 23;
+/// Share of the texels of a texture from which on a draft of half the resolution comes first.
+const DRAFT_SHARE: f64 = 0.08;
 
 impl Context<'_> {
     fn light(&self, surface: &Surface, probe: &Probe, target: Target) -> Outcome<Written> {
@@ -423,7 +542,7 @@ impl Context<'_> {
 
     /// The error for a surface whose texels the store does not have.
     fn unbaked(&self, isovalue: f64, report: &LookupReport) -> Failure {
-        let held = info::holdings(self.store).map_or("unknown".into(), |h| info::isovalues_text(h.1.as_ref()));
+        let held = info::Holdings::of(self.store).map_or("unknown".into(), |h| h.isovalues_text());
         let value = text::number(isovalue, 8);
         let source = self.store.provenance()["input"].as_str().unwrap_or("VOLUME").to_string();
         Failure::Message(format!(
@@ -459,26 +578,35 @@ impl Context<'_> {
     }
 }
 
-/// The lowest of the isovalues that a store holds.
-fn one_of(list: &[f64]) -> Option<f64> {
-    list.iter().copied().reduce(f64::min)
-}
-
 /// Rays along each side of a pixel.
 const SUPERSAMPLING: usize = 2;
 
 impl Relit {
     fn print(&self, console: &Console) {
-        report(console, &self.surfaces, &self.files, self.read_time, self.transport_rays);
+        report(console, self);
     }
 }
 
-fn report(console: &Console, surfaces: &[Surface], written: &[Written], read: Duration, transport_rays: u64) {
+fn report(console: &Console, relit: &Relit) {
+    let Relit { surfaces, files: written, read_time, transport_rays, drafts } = relit;
     let camera_rays: u64 = written.iter().map(|w| w.camera.rays).sum();
     let mut rows = vec![
-        ["file", "isovalue", "environment", "contract", "look up", "render", "write", "EV", "error", "size"]
-            .map(String::from)
-            .to_vec(),
+        [
+            "file",
+            "isovalue",
+            "environment",
+            "contract",
+            "look up",
+            "render",
+            "write",
+            "EV",
+            "error",
+            "median",
+            "95 %",
+            "size",
+        ]
+        .map(String::from)
+        .to_vec(),
     ];
     for w in written {
         rows.push(vec![
@@ -491,6 +619,8 @@ fn report(console: &Console, surfaces: &[Surface], written: &[Written], read: Du
             text::duration(w.times.write),
             format!("{:+.2}", w.exposure.log2()),
             text::percent(w.rms_over_mean),
+            relative(w.error.median),
+            relative(w.error.percentile_95),
             text::bytes(w.bytes as f64),
         ]);
     }
@@ -517,9 +647,10 @@ fn report(console: &Console, surfaces: &[Surface], written: &[Written], read: Du
         text::count(total.unbaked),
     ));
     console.print(format!(
-        "error: standard error of the radiance, RMS over the vertices, over its mean\nread {}; transport rays {}, camera rays {}, sun rays {}",
-        text::duration(read),
-        text::count(transport_rays),
+        "error: standard error of the radiance, RMS over the vertices, over its mean; median and 95 %: of the vertices' own\n\
+         relative errors\nread {}; transport rays {}, camera rays {}, sun rays {}",
+        text::duration(*read_time),
+        text::count(*transport_rays),
         text::count(camera_rays),
         text::count(written.iter().map(|w| w.sun_rays).sum())
     ));
@@ -551,7 +682,10 @@ fn report(console: &Console, surfaces: &[Surface], written: &[Written], read: Du
             "seconds": { "extract": s.extract_time.as_secs_f64(), "select": s.select_time.as_secs_f64() },
         })).collect::<Vec<_>>(),
         "files": written.iter().map(file_json).collect::<Vec<_>>(),
-        "seconds": { "read": read.as_secs_f64() },
+        "seconds": { "read": read_time.as_secs_f64() },
+        "drafts": drafts.iter().map(|d| json!({
+            "rays_per_texel": d.rays, "texels": d.texture, "written_after_seconds": d.written_after.as_secs_f64(),
+        })).collect::<Vec<_>>(),
         "transport_rays": transport_rays,
         "camera_rays": camera_rays,
     }));
@@ -564,7 +698,11 @@ fn file_json(w: &Written) -> Value {
         "environment": w.env,
         "bytes": w.bytes,
         "exposure_ev": f64::from(w.exposure).log2(),
-        "error": { "rms_over_mean": w.rms_over_mean, "median_relative": finite(w.error.median) },
+        "error": {
+            "rms_over_mean": w.rms_over_mean,
+            "median_relative": finite(w.error.median),
+            "percentile_95_relative": finite(w.error.percentile_95),
+        },
         "negative_vertices": w.negative, "sun_rays": w.sun_rays, "light_notes": w.notes,
         "emission_remainder": w.remainder,
         "lookups": {

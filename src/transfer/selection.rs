@@ -130,6 +130,17 @@ impl Selection {
         }
     }
 
+    /// Takes out every texel of another set of the same lattice.
+    ///
+    /// # Panics
+    /// When the lattices differ.
+    pub fn remove_all(&mut self, other: &Self) {
+        assert_eq!(self.lattice, other.lattice);
+        for (a, b) in self.bits.iter_mut().zip(&other.bits) {
+            *a &= !b;
+        }
+    }
+
     /// Number of texels in the set.
     pub fn len(&self) -> u64 {
         self.bits.iter().map(|w| u64::from(w.count_ones())).sum()

@@ -82,8 +82,8 @@ impl Bake<'_> {
 /// Bakes the selected texels, chunk after chunk, and hands each chunk's 4³ bricks (x fastest, `None`
 /// where nothing is selected) to `sink`, in the order of [`Bake::chunks`].
 ///
-/// `present` gives the bricks of a chunk that exist already; their texels are kept and the selected ones
-/// replaced.
+/// `present` gives the bricks of a chunk that exist already. Their texels are kept, but selected ones of fewer rays
+/// than they get now are replaced: a texel never gets worse.
 ///
 /// # Errors
 /// Those of the sink; rays that are not a power of two of at least 4; a volume without cells.
@@ -122,7 +122,7 @@ pub(super) fn run<T: Sample>(
     present: &(dyn Fn([usize; 3]) -> Result<Option<Vec<Option<Brick>>>> + Sync),
     sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
 ) -> Result<Summary> {
-    let mut total = Summary::new(bake.settings.layers.len());
+    let mut total = Summary::new(&bake.settings.layers);
     const PER_SIDE: usize = CHUNK / BRICK;
     const BRICKS: usize = PER_SIDE * PER_SIDE * PER_SIDE;
     for group in chunks.chunks(GROUP) {
@@ -183,7 +183,7 @@ fn brick_with<T: Sample>(
     let layers = &bake.settings.layers;
     let lattice = &bake.layout.lattice;
     let mut brick = old.cloned().unwrap_or_else(|| Brick::unbaked(layers));
-    let mut summary = Summary::new(layers.len());
+    let mut summary = Summary::new(layers);
     let mut texel_estimate = TexelEstimate::default();
     let (coefficients, errors) = (layers.coefficients(), layers.errors());
     let [mx, my, _] = lattice.texels();
@@ -202,19 +202,26 @@ fn brick_with<T: Sample>(
             (brick.validity[t], brick.rays[t]) = (0, 0);
             continue;
         };
+        let has_more = |rays: u32| brick.rays[t] >= rays && brick.validity[t] & validity::VALID != 0;
+        if bake.settings.target.is_none() && has_more(bake.settings.rays) {
+            summary.texels -= 1;
+            continue;
+        }
         let item = (texel[0] + mx * (texel[1] + my * texel[2])) as u64;
         estimator(&site, item, scratch, &mut summary.counts, &mut texel_estimate);
+        tally(&texel_estimate, site.clamped, &mut summary);
+        if has_more(texel_estimate.rays) {
+            continue;
+        }
         transfer.convert_from_f32_slice(&texel_estimate.transfer);
         stderr.convert_from_f32_slice(&texel_estimate.stderr);
         brick.validity[t] = validity::VALID | if site.clamped { validity::CLAMPED } else { 0 };
         brick.rays[t] = texel_estimate.rays;
-        tally(&texel_estimate, site.clamped, bake.settings, &mut summary);
     }
     BrickOutput { brick, summary }
 }
 
-fn tally(texel: &TexelEstimate, clamped: bool, settings: &Settings, summary: &mut Summary) {
-    let root_four_pi = 2.0 * std::f64::consts::PI.sqrt();
+fn tally(texel: &TexelEstimate, clamped: bool, summary: &mut Summary) {
     summary.valid += 1;
     summary.clamped += u64::from(clamped);
     summary.degenerate += u64::from(texel.degenerate);
@@ -224,9 +231,32 @@ fn tally(texel: &TexelEstimate, clamped: bool, settings: &Settings, summary: &mu
     summary.trapped += u64::from(texel.trapped);
     summary.escape_variance += f64::from(texel.escape_stderr).powi(2);
     summary.errors.add(texel.target_stderr);
-    for k in 0..settings.layers.len() {
-        summary.escapes[k] += root_four_pi * f64::from(texel.transfer[settings.layers.offset(k)]);
+    for (sum, &value) in summary.transfer.iter_mut().zip(&texel.transfer) {
+        *sum += f64::from(value);
     }
+}
+
+/// Bakes whole bricks and keeps nothing but the totals: what a bake costs and how exact it is, before the real one.
+///
+/// Unlike [`pilot`] it works in the order of a bake, so that the time it takes scales with the texels.
+///
+/// # Errors
+/// As [`bake`].
+pub fn trial(bake: &Bake<'_>, bricks: &[[usize; 3]]) -> Result<Summary> {
+    bake.check()?;
+    with_samples!(bake.volume.samples(), s => {
+        let field = LevelField::new(bake.volume, s, bake.pyramid);
+        let estimator = by_path(&field, bake);
+        let parts: Vec<Summary> = bricks
+            .par_iter()
+            .map_init(Scratch::default, |scratch, &index| {
+                brick_with(&field, bake, &estimator, index, None, scratch).summary
+            })
+            .collect();
+        let mut total = Summary::new(&bake.settings.layers);
+        parts.iter().for_each(|part| total.add(part));
+        Ok(total)
+    })
 }
 
 /// A small bake of every `stride`-th selected texel, for estimates before the real one; nothing is kept
@@ -256,19 +286,19 @@ pub fn pilot(bake: &Bake<'_>, texels: u64) -> Result<Summary> {
         let parts: Vec<Summary> = picked
             .par_chunks(64)
             .map_init(Scratch::default, |scratch, part| {
-                let mut summary = Summary::new(bake.settings.layers.len());
+                let mut summary = Summary::new(&bake.settings.layers);
                 let mut texel_estimate = TexelEstimate::default();
                 for &(texel, item) in part {
                     summary.texels += 1;
                     if let Some(site) = field.site(bake.layout.lattice.grid_from_texel(texel)) {
                         estimate(&field, &site, item, bake.settings, scratch, &mut summary.counts, &mut texel_estimate);
-                        tally(&texel_estimate, site.clamped, bake.settings, &mut summary);
+                        tally(&texel_estimate, site.clamped, &mut summary);
                     }
                 }
                 summary
             })
             .collect();
-        let mut total = Summary::new(bake.settings.layers.len());
+        let mut total = Summary::new(&bake.settings.layers);
         parts.iter().for_each(|part| total.add(part));
         Ok(total)
     })

@@ -20,9 +20,9 @@ mod summary;
 #[cfg(test)]
 mod tests;
 
-pub use bake::{Bake, BrickOutput, Progress, bake, bake_brick, pilot};
+pub use bake::{Bake, BrickOutput, Progress, bake, bake_brick, pilot, trial};
 pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};
-pub use path::{Settings, Target, TexelEstimate};
+pub use path::{Settings, Target, TexelEstimate, radiance_weights};
 pub use replay::{ReplayedPath, replay};
 pub use summary::{ErrorHistogram, Summary};
 

@@ -70,6 +70,26 @@ impl Target {
         }
         Self { weights: vec![all, openness], error }
     }
+
+    /// A standard error of the radiance under the stored layers, relative to `mean`, of each of some lights: lists
+    /// of coefficients in world axes, such as the colour channels of an environment. `mean` has the unit of the
+    /// lights; shorter lists end in zeros.
+    pub fn radiance(layers: &Layers, lights: &[Vec<f32>], albedo: f32, mean: f32, error: f32) -> Self {
+        Self { weights: lights.iter().map(|light| radiance_weights(layers, light, albedo, mean)).collect(), error }
+    }
+}
+
+/// Weights w with Σ w_i T_i = Σ_k ρ^(k+1) ⟨T_k, L⟩ / mean, layer-major; the light L in world axes.
+pub fn radiance_weights(layers: &Layers, light: &[f32], albedo: f32, mean: f32) -> Vec<f32> {
+    let mut weights = vec![0.0; layers.coefficients()];
+    let mut factor = albedo / mean;
+    for (k, &bands) in layers.bands().iter().enumerate() {
+        for (w, l) in weights[layers.offset(k)..].iter_mut().zip(&light[..light.len().min(bands * bands)]) {
+            *w = factor * l;
+        }
+        factor *= albedo;
+    }
+    weights
 }
 
 impl Settings {

@@ -1,6 +1,7 @@
 //! What a bake reports of itself: sums over texels, taken in the fixed order of the bricks.
 
 use crate::level::Counts;
+use crate::transfer::Layers;
 
 /// Totals of a bake.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -23,46 +24,53 @@ pub struct Summary {
     pub trapped: u64,
     /// Work of the tracer.
     pub counts: Counts,
-    /// Σ over valid texels of a_k = sqrt(4π) T_k,00, the chance to escape after exactly k bounces.
-    pub escapes: Vec<f64>,
+    /// Σ over valid texels of the transfer vector, layer-major.
+    pub transfer: Vec<f64>,
+    // Where each layer starts in it.
+    offsets: Vec<usize>,
     /// Σ over valid texels of the variance of the estimate of Σ_k a_k.
     pub escape_variance: f64,
     /// Valid texels by the standard error of what the target names (Σ_k a_k without a target).
     pub errors: ErrorHistogram,
 }
 
-/// Counts of standard errors in bins of an eighth of an octave.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// Counts of standard errors in bins of 1/32 of an octave, and the largest of them.
+#[derive(Clone, Debug, PartialEq)]
 pub struct ErrorHistogram {
-    // Bin = exponent and top three bits of the mantissa, from 2^-24 up; the first bin holds what is below.
+    // Bin = exponent and top five bits of the mantissa, from 2^-24 up; the first bin holds what is below.
     bins: Vec<u64>,
+    largest: f32,
 }
 
-/// Exponent and three bits of mantissa of 2^-24 as they stand in an `f32`.
-const LOWEST_BIN: u32 = (127 - 24) << 3;
-const BINS: usize = 8 * 28;
+/// Bits of the mantissa that tell bins apart.
+const MANTISSA: u32 = 5;
+/// Exponent and these bits of 2^-24 as they stand in an `f32`.
+const LOWEST_BIN: u32 = (127 - 24) << MANTISSA;
+const BINS: usize = 28 << MANTISSA;
 
 impl Default for ErrorHistogram {
     fn default() -> Self {
-        Self { bins: vec![0; BINS] }
+        Self { bins: vec![0; BINS], largest: 0.0 }
     }
 }
 
 impl ErrorHistogram {
     /// Counts one error (not negative).
     pub fn add(&mut self, error: f32) {
-        let bin = (error.to_bits() >> 20).saturating_sub(LOWEST_BIN) as usize;
+        self.largest = self.largest.max(error);
+        let bin = (error.to_bits() >> (23 - MANTISSA)).saturating_sub(LOWEST_BIN) as usize;
         self.bins[bin.min(BINS - 1)] += 1;
     }
 
     /// Adds the counts of another.
     pub fn merge(&mut self, other: &Self) {
+        self.largest = self.largest.max(other.largest);
         for (a, b) in self.bins.iter_mut().zip(&other.bins) {
             *a += b;
         }
     }
 
-    /// The error that a share `q` of the counts does not exceed, rounded up by at most an eighth; 0 when empty
+    /// The error that a share `q` of the counts does not exceed, rounded up by at most 1/32; 0 when empty
     /// or below 2^-24.
     pub fn quantile(&self, q: f64) -> f64 {
         let total: u64 = self.bins.iter().sum();
@@ -71,8 +79,8 @@ impl ErrorHistogram {
         for (bin, &n) in self.bins.iter().enumerate() {
             seen += n;
             if seen >= wanted {
-                let upper = f32::from_bits((bin as u32 + 1 + LOWEST_BIN) << 20);
-                return if bin == 0 { 0.0 } else { f64::from(upper) };
+                let upper = f32::from_bits((bin as u32 + 1 + LOWEST_BIN) << (23 - MANTISSA));
+                return if bin == 0 { 0.0 } else { f64::from(upper.min(self.largest)) };
             }
         }
         0.0
@@ -80,8 +88,9 @@ impl ErrorHistogram {
 }
 
 impl Summary {
-    pub(super) fn new(layers: usize) -> Self {
-        Self { escapes: vec![0.0; layers], ..Self::default() }
+    pub(super) fn new(layers: &Layers) -> Self {
+        let offsets = (0..layers.len()).map(|k| layers.offset(k)).collect();
+        Self { transfer: vec![0.0; layers.coefficients()], offsets, ..Self::default() }
     }
 
     /// Adds the totals of another part.
@@ -96,16 +105,24 @@ impl Summary {
         self.trapped += other.trapped;
         self.counts += other.counts;
         self.escape_variance += other.escape_variance;
-        self.escapes.resize(self.escapes.len().max(other.escapes.len()), 0.0);
-        for (a, b) in self.escapes.iter_mut().zip(&other.escapes) {
-            *a += b;
+        if self.transfer.is_empty() {
+            (self.transfer, self.offsets) = (other.transfer.clone(), other.offsets.clone());
+        } else {
+            self.transfer.iter_mut().zip(&other.transfer).for_each(|(a, b)| *a += b);
         }
         self.errors.merge(&other.errors);
     }
 
-    /// Mean over the valid texels of the chance to escape after exactly k bounces.
+    /// Mean over the valid texels of a_k = sqrt(4π) T_k,00, the chance to escape after exactly k bounces.
     pub fn mean_escapes(&self) -> Vec<f64> {
-        self.escapes.iter().map(|a| a / (self.valid.max(1)) as f64).collect()
+        let factor = 2.0 * std::f64::consts::PI.sqrt() / self.valid.max(1) as f64;
+        self.offsets.iter().map(|&offset| self.transfer[offset] * factor).collect()
+    }
+
+    /// Mean over the valid texels of Σ_i w_i T_i, for weights in the order of the transfer vector.
+    pub fn mean_of(&self, weights: &[f32]) -> f64 {
+        let sum: f64 = self.transfer.iter().zip(weights).map(|(t, &w)| t * f64::from(w)).sum();
+        sum / self.valid.max(1) as f64
     }
 
     /// Rays lost in the solid, per path.

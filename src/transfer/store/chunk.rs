@@ -15,9 +15,9 @@
 
 use super::super::texture::{check_brick, check_index};
 use super::super::{BRICK_TEXELS, Brick, BrickSource, BrickView, Layers, Layout};
-use super::Store;
 use super::backing::{Backing, Bytes, Staged};
 use super::zarr::{self, FORMAT, Presence, SIDE, SLOTS, STAMP, ShardTail};
+use super::{ChunkExtent, Store};
 use crate::error::{Error, Result};
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -28,69 +28,6 @@ pub(super) const ARRAYS: [(&str, bool); 4] =
     [("transfer", true), ("stderr", true), ("validity", false), ("rays", false)];
 /// How often a reader looks again at a chunk whose files do not belong together.
 const TRIES: usize = 8;
-
-/// The isovalues that the texels of a chunk were baked for.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Isovalues {
-    /// Every isovalue: no texel was left out for its value.
-    All,
-    /// These, in the file's values.
-    List(Vec<f64>),
-}
-
-/// How far a chunk was baked. May differ between chunks, and grow when a chunk is written again.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ChunkExtent {
-    /// For which isovalues.
-    pub isovalues: Isovalues,
-    /// With how many rays a texel; the cap where texels decide for themselves.
-    pub rays: u32,
-    /// Standard error that texels had to reach, if one was asked for.
-    pub error_target: Option<f64>,
-}
-
-impl ChunkExtent {
-    /// The record without its stamp.
-    fn to_json(&self, index: [usize; 3], bricks: usize, payload: &str) -> Value {
-        let isovalues = match &self.isovalues {
-            Isovalues::All => json!("all"),
-            Isovalues::List(list) => json!(list),
-        };
-        json!({
-            "chunk": index,
-            "isovalues": isovalues,
-            "rays": self.rays,
-            "error_target": self.error_target,
-            "bricks": bricks,
-            "payload": payload,
-        })
-    }
-
-    /// Reads what [`Self::to_json`] wrote.
-    fn from_json(record: &Value) -> Option<Self> {
-        let isovalues = match &record["isovalues"] {
-            Value::String(all) if all == "all" => Isovalues::All,
-            Value::Array(list) => Isovalues::List(list.iter().map(Value::as_f64).collect::<Option<_>>()?),
-            _ => return None,
-        };
-        let error_target = match &record["error_target"] {
-            Value::Null => None,
-            target => Some(target.as_f64()?),
-        };
-        Some(Self { isovalues, rays: record["rays"].as_u64()?.try_into().ok()?, error_target })
-    }
-
-    fn check(&self) -> Result<()> {
-        let isovalues = match &self.isovalues {
-            Isovalues::All => &[][..],
-            Isovalues::List(list) => list,
-        };
-        match isovalues.iter().chain(&self.error_target).find(|v| !v.is_finite()) {
-            None => Ok(()),
-            Some(bad) => Err(Error::argument("extent", bad, "finite isovalues and error target", "check the options")),
-        }
-    }
-}
 
 /// A chunk whose files are open and belong together.
 #[derive(Debug)]
@@ -186,7 +123,12 @@ impl Store {
             }
         }
         let digest = digest.finalize().to_hex();
-        let mut record = extent.to_json(index, sums.iter().flatten().count(), &digest[..2 * STAMP]);
+        let mut record = json!({
+            "chunk": index,
+            "baked": extent.to_json(),
+            "bricks": sums.iter().flatten().count(),
+            "payload": &digest[..2 * STAMP],
+        });
         let (stamp, digits) = stamp_of(&record);
         record["stamp"] = json!(digits);
 
@@ -303,7 +245,7 @@ impl Store {
         };
         let stored = record.as_object_mut().and_then(|fields| fields.shift_remove("stamp"));
         let (stamp, digits) = stamp_of(&record);
-        let parsed = ChunkExtent::from_json(&record).zip(record["bricks"].as_u64());
+        let parsed = ChunkExtent::from_json(&record["baked"]).zip(record["bricks"].as_u64());
         match parsed {
             Some((extent, bricks)) if stored == Some(json!(digits)) && record["chunk"] == json!(index) => {
                 Ok((extent, stamp, bricks as usize))

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Version of the format that this program writes and the only one it reads.
-pub const FORMAT_VERSION: u32 = 1;
+pub const FORMAT_VERSION: u32 = 2;
 
 /// What decides the numbers in a store. Two bakes with equal identities fill one store; with
 /// different ones they are refused ([`Error::Mismatch`]).

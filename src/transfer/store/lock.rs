@@ -2,33 +2,66 @@
 //!
 //! The lock is the system's lock on the file `.lock`, not the file itself: the system lets go of
 //! it when the process ends, however it ends, so that a killed bake never leaves a store locked.
-//! Inside the file stand the process and the machine, for the message. Bakes that share a store
-//! by agreement (each with its own chunks) do not take it: writing chunks needs no lock.
+//! Inside the file stand the process and the machine, for the message.
+//!
+//! Bakes that share a store by agreement, share i of n each, hold `.lock` together (the system's shared lock) and
+//! each the file `.lock-share-i-of-n` alone.
 
 use crate::error::{Error, Result};
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
-/// Holds the lock of a store until it is dropped.
+/// Holds the lock of a store, or of a share of it, until it is dropped.
 #[derive(Debug)]
 pub struct StoreLock {
+    // The share's own file before the common one; held, not read.
+    _files: Vec<Locked>,
+}
+
+#[derive(Debug)]
+struct Locked {
     path: PathBuf,
     file: File,
 }
 
+const COMMON: &str = ".lock";
+const SHARE: &str = ".lock-share-";
+
 /// Takes the lock of the store in `directory`.
 ///
 /// # Errors
-/// When another process (or another lock of this one) holds it, or the file system has no locks.
+/// When another process (or another lock of this one) holds it or a share, or the file system has no locks.
 pub(super) fn lock(directory: &Path) -> Result<StoreLock> {
-    let path = directory.join(".lock");
+    Ok(StoreLock { _files: vec![take(directory, COMMON, File::try_lock)?] })
+}
+
+/// Takes the lock of one share.
+///
+/// # Errors
+/// When another process holds the store, this share, or a share of another number of shares.
+pub(super) fn lock_share(directory: &Path, share: usize, shares: usize) -> Result<StoreLock> {
+    let common = take(directory, COMMON, File::try_lock_shared)?;
+    let own = take(directory, &format!("{SHARE}{share}-of-{shares}"), File::try_lock)?;
+    let failed = |e| Error::io(directory, "look for other shares", e);
+    for entry in fs::read_dir(directory).map_err(failed)? {
+        let name = entry.map_err(failed)?.file_name().to_string_lossy().into_owned();
+        if name.starts_with(SHARE) && !name.ends_with(&format!("-of-{shares}")) {
+            // A killed process may have left it: then it is free, and goes.
+            drop(take(directory, &name, File::try_lock)?);
+        }
+    }
+    Ok(StoreLock { _files: vec![own, common] })
+}
+
+fn take(directory: &Path, name: &str, try_lock: fn(&File) -> std::result::Result<(), TryLockError>) -> Result<Locked> {
+    let path = directory.join(name);
     let failed = |e| Error::io(&path, "lock the store", e);
     // A holder that lets go removes the file; whoever locked the removed one tries again.
     for _ in 0..64 {
         let mut options = OpenOptions::new();
         let file = options.read(true).write(true).create(true).truncate(false).open(&path).map_err(failed)?;
-        match file.try_lock() {
+        match try_lock(&file) {
             Ok(()) => {}
             Err(TryLockError::Error(e)) => return Err(failed(e)),
             Err(TryLockError::WouldBlock) => {
@@ -38,7 +71,8 @@ pub(super) fn lock(directory: &Path) -> Result<StoreLock> {
                     "store",
                     format!("{}, locked by {}", directory.display(), holder.trim()),
                     "a store that nobody else is filling",
-                    "wait for that process or end it, or give another output with -o",
+                    "wait for that process or end it, give every process its own share with --chunks i/n, or give \
+                     another output with -o",
                 ));
             }
         }
@@ -46,16 +80,19 @@ pub(super) fn lock(directory: &Path) -> Result<StoreLock> {
             let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_else(|_| "this machine".into());
             let text = format!("process {} on {}\n", std::process::id(), host.trim());
             file.set_len(0).and_then(|()| (&file).write_all(text.as_bytes())).map_err(failed)?;
-            return Ok(StoreLock { path, file });
+            return Ok(Locked { path, file });
         }
     }
     Err(failed(std::io::Error::other("other processes take and leave the lock all the time")))
 }
 
-impl Drop for StoreLock {
+impl Drop for Locked {
     fn drop(&mut self) {
-        // Removed while still locked, so that nobody can lock the file at this path before it goes.
-        let _ = fs::remove_file(&self.path);
+        // Removed while still locked, so that nobody can lock the file at this path before it goes. The common file
+        // stays while others share it: only who can have it alone removes it.
+        if self.file.try_lock().is_ok() {
+            let _ = fs::remove_file(&self.path);
+        }
         let _ = self.file.unlock();
     }
 }

@@ -10,6 +10,7 @@
 //!     validity    uint8   [z, y, x]                flags of `transfer::validity`
 //!     rays        uint32  [z, y, x]                paths traced
 //!     extent/z.y.x.json             how far each chunk was baked (not part of Zarr)
+//!     allocation.json               what a bake in a given time decided, if there was one (not part of Zarr)
 //! ```
 //!
 //! # Why by hand and not the crate `zarrs`
@@ -33,17 +34,20 @@
 
 mod backing;
 mod chunk;
+mod extent;
 mod identity;
 mod lock;
+mod merge;
 mod volume;
 mod zarr;
 
 #[cfg(test)]
 mod tests;
 
-pub use chunk::{ChunkExtent, Isovalues};
+pub use extent::{Baked, ChunkExtent, ErrorTarget};
 pub use identity::{FORMAT_VERSION, Identity};
 pub use lock::StoreLock;
+pub use merge::MergeReport;
 
 use super::Layout;
 use crate::error::{Error, Result};
@@ -237,12 +241,45 @@ impl Store {
     /// # Errors
     /// When somebody else holds it, the store is an archive, or the file system has no locks.
     pub fn lock(&self) -> Result<StoreLock> {
+        lock::lock(self.directory()?)
+    }
+
+    /// Takes the lock of share `share` of `shares` (from 1): it keeps out a bake of everything, another bake of this
+    /// share, and bakes that share the chunks out differently; other shares of as many go on beside it.
+    ///
+    /// # Errors
+    /// As [`Self::lock`].
+    pub fn lock_share(&self, share: usize, shares: usize) -> Result<StoreLock> {
+        lock::lock_share(self.directory()?, share, shares)
+    }
+
+    fn directory(&self) -> Result<&Path> {
         match &self.backing {
-            Backing::Directory(path) => lock::lock(path),
+            Backing::Directory(path) => Ok(path),
             Backing::Archive(_) => {
                 Err(Error::argument("store", self.path().display(), "a directory", "unpack the archive first"))
             }
         }
+    }
+
+    /// Writes a record of the bake that belongs to no chunk, under a name of letters; it replaces the one before.
+    ///
+    /// # Errors
+    /// When the store is an archive or the system refuses.
+    pub fn write_record(&self, name: &str, record: &Value) -> Result<()> {
+        let text = format!("{:#}\n", sealed(json!({ "record": record })));
+        self.backing.put(&format!("{}/{name}.json", self.env), self.sync, text.as_bytes())
+    }
+
+    /// A record that was written; `None` if there is none of that name.
+    ///
+    /// # Errors
+    /// When it is damaged or cannot be read.
+    pub fn record(&self, name: &str) -> Result<Option<Value>> {
+        let key = format!("{}/{name}.json", self.env);
+        let Some(sealed) = self.backing.json(&key)? else { return Ok(None) };
+        let mut record = unsealed(&json!({ "attributes": sealed })).map_err(|e| e.in_file(self.backing.name(&key)))?;
+        Ok(Some(record["record"].take()))
     }
 }
 

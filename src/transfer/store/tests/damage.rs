@@ -168,12 +168,12 @@ fn a_reader_beside_a_writer_never_sees_two_writings_mixed() {
         while !done.load(std::sync::atomic::Ordering::SeqCst) {
             // `None` where the chunk was torn at every look.
             if let Some((bricks, how)) = reader.read_chunk([0; 3]).unwrap() {
-                assert!(bytes_of(&bricks) == expected[how.rays as usize - 100]);
+                assert!(bytes_of(&bricks) == expected[how.claims()[0].rays as usize - 100]);
                 whole += 1;
             }
         }
         assert!(whole > 0);
     });
-    let last = store.read_chunk([0; 3]).unwrap().map(|(bricks, how)| (bytes_of(&bricks), how.rays));
+    let last = store.read_chunk([0; 3]).unwrap().map(|(bricks, how)| (bytes_of(&bricks), how.claims()[0].rays));
     assert!(last == Some((expected[1].clone(), 101)));
 }

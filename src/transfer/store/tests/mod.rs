@@ -65,7 +65,10 @@ fn provenance() -> Value {
 }
 
 fn extent(rays: u32) -> ChunkExtent {
-    ChunkExtent { isovalues: Isovalues::List(vec![0.1, 1.0 / 3.0]), rays, error_target: Some(0.01) }
+    let target = ErrorTarget { error: 0.01, of: "escape".into() };
+    let mut extent = ChunkExtent::new(Some(0.1), rays, Some(target.clone()));
+    extent.add(Baked { isovalue: Some(1.0 / 3.0), rays, target: Some(target) });
+    extent
 }
 
 fn brick(seed: u64) -> Brick {
@@ -210,7 +213,7 @@ fn a_chunk_grows_while_an_old_reader_keeps_what_it_has() {
     assert_eq!(resumed.provenance(), &provenance());
     let (mut grown, _) = resumed.read_chunk([0; 3]).unwrap().unwrap();
     grown[slot] = Some(brick(99));
-    let more = ChunkExtent { isovalues: Isovalues::All, rays: 256, error_target: None };
+    let more = ChunkExtent::new(None, 256, None);
     resumed.write_chunk([0; 3], grown.clone(), &more).unwrap();
 
     assert_eq!(bytes_of(&[Some(view.to_brick())]), bytes_of(&old[slot..=slot]));
@@ -228,7 +231,7 @@ fn every_field_of_the_identity_must_match() {
     let mut other_volume = volume();
     other_volume.solid = Solid::Above;
     let cases = [
-        ("format_version", Identity { format_version: 2, ..identity() }),
+        ("format_version", Identity { format_version: FORMAT_VERSION + 1, ..identity() }),
         ("volume", Identity { volume: "00".into(), ..identity() }),
         ("grid", Identity { grid: [41, 12, 70], ..identity() }),
         ("texels", Identity { texels: [40, 12, 35], ..identity() }),
@@ -250,7 +253,7 @@ fn every_field_of_the_identity_must_match() {
     }
     // And a new store asks that the identity belongs to the volume.
     for (name, asked) in [
-        ("format_version", Identity { format_version: 2, ..identity() }),
+        ("format_version", Identity { format_version: FORMAT_VERSION + 1, ..identity() }),
         ("volume", Identity { volume: "00".into(), ..identity() }),
         ("grid", Identity { grid: [41, 12, 70], ..identity() }),
         ("solid", Identity { solid: "above".into(), ..identity() }),
@@ -305,7 +308,7 @@ fn chunks_that_do_not_fit_are_refused() {
     let mut short = vec![None; 64];
     short[0] = Some(Brick { rays: vec![0; BRICK_TEXELS - 1], ..brick(0) });
     refused([0; 3], short, extent(1), "brick.rays");
-    refused([0; 3], vec![None; 64], ChunkExtent { error_target: Some(f64::NAN), ..extent(1) }, "finite");
+    refused([0; 3], vec![None; 64], ChunkExtent::new(Some(f64::NAN), 1, None), "finite");
     assert_eq!(files(&path), before);
     // A chunk in which nothing had to be baked is a chunk.
     store.write_chunk([1, 0, 1], vec![None; 64], &extent(4)).unwrap();

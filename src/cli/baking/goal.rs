@@ -1,0 +1,348 @@
+//! Where texels stop: at a standard error that was asked for, or at the one that a given time allows.
+
+use super::super::console::Console;
+use super::super::{Failure, Outcome, text};
+use super::Job;
+use crate::error::Result;
+use crate::level::Pyramid;
+use crate::sh::Coefficients;
+use crate::transfer::Selection;
+use crate::transfer::store::{Baked, ErrorTarget, Store};
+use crate::transport::{Bake, Settings, Target, pilot, radiance_weights, trial};
+use serde_json::{Value, json};
+use std::time::{Duration, Instant};
+
+/// An environment that errors are measured by.
+#[derive(Clone, Debug)]
+pub(in super::super) struct ForLight {
+    pub(super) name: String,
+    /// Red, green and blue in world axes.
+    pub(super) light: [Coefficients; 3],
+    pub(super) albedo: f32,
+}
+
+/// What the user wants reached.
+#[derive(Clone, Debug, Default)]
+pub(in super::super) struct Goal {
+    /// Standard error of each texel.
+    pub(in super::super) error: Option<f32>,
+    /// Of what, if not of Σ a_k and a_0.
+    pub(in super::super) light: Option<ForLight>,
+    /// Wall-clock time from the start of the command.
+    pub(in super::super) time: Option<Duration>,
+}
+
+impl ForLight {
+    pub(in super::super) fn new(name: String, light: [Coefficients; 3], albedo: f32) -> Self {
+        Self { name, light, albedo }
+    }
+}
+
+/// What `--error` without an environment is a standard error of, as it stands in stores.
+pub(super) const ESCAPE: &str = "sum of a_k, and a_0";
+/// Texels and rays of the trial that gives the mean radiance under an environment.
+const MEAN_TEXELS: u64 = 4096;
+const MEAN_RAYS: u32 = 64;
+/// Part of the time that is kept for writing and for what the trial misjudges.
+const RESERVE: f64 = 0.1;
+/// Part of the time that one trial may take, and the number of trials.
+const TRIAL: f64 = 0.03;
+const TRIALS: usize = 5;
+/// Range of the errors that a time may buy.
+const LARGEST_ERROR: f64 = 0.5;
+const SMALLEST_ERROR: f64 = 1e-4;
+
+/// A target and its name in the store.
+pub(super) struct Quality {
+    pub(super) target: Option<Target>,
+    pub(super) name: Option<ErrorTarget>,
+}
+
+/// Makes targets of one kind for any error.
+struct Kind<'a> {
+    job: &'a Job<'a>,
+    of: String,
+    /// Weights of the lights over their mean radiance; none for Σ a_k and a_0.
+    weights: Option<Vec<Vec<f32>>>,
+}
+
+impl<'a> Kind<'a> {
+    fn new(job: &'a Job<'a>, pyramid: &Pyramid) -> Outcome<Self> {
+        let Some(light) = &job.goal.light else {
+            return Ok(Self { job, of: ESCAPE.into(), weights: None });
+        };
+        let layers = &job.layout.layers;
+        let narrow = |c: &Coefficients| c.values().iter().map(|&v| v as f32).collect::<Vec<_>>();
+        let lights: Vec<Vec<f32>> = light.light.iter().map(narrow).collect();
+        // The mean over all isosurfaces, whichever were asked for, so that those asked for later agree.
+        let settings = Settings { rays: MEAN_RAYS, target: None, ..job.settings.clone() };
+        let selection = Selection::of_all_isosurfaces(job.layout.lattice, job.volume);
+        let request =
+            Bake { volume: job.volume, pyramid, layout: &job.layout, settings: &settings, selection: &selection };
+        let found = pilot(&request, MEAN_TEXELS)?;
+        let of_channel = |l: &Vec<f32>| found.mean_of(&radiance_weights(layers, l, light.albedo, 1.0));
+        let mean = lights.iter().map(of_channel).sum::<f64>() / 3.0;
+        if mean.is_nan() || mean <= 0.0 {
+            return Err(Failure::Message(format!(
+                "{} lights no texel (mean radiance {mean:.3e}): an error relative to it has no meaning; \
+                 give another environment, or leave out --for-env",
+                light.name
+            )));
+        }
+        let weights: Vec<Vec<f32>> =
+            lights.iter().map(|l| radiance_weights(layers, l, light.albedo, mean as f32)).collect();
+        let mut hash = blake3::Hasher::new();
+        for weight in weights.iter().flatten() {
+            hash.update(&weight.to_le_bytes());
+        }
+        let digits = &hash.finalize().to_hex()[..16];
+        let of = format!("radiance over its mean under {}, albedo {} ({digits})", light.name, light.albedo);
+        Ok(Self { job, of, weights: Some(weights) })
+    }
+
+    fn target(&self, error: f32) -> Target {
+        match &self.weights {
+            None => Target::escape(&self.job.layout.layers, error),
+            Some(weights) => Target { weights: weights.clone(), error },
+        }
+    }
+
+    fn quality(&self, error: f32) -> Quality {
+        let name = ErrorTarget { error: shortest(error), of: self.of.clone() };
+        Quality { target: Some(self.target(error)), name: Some(name) }
+    }
+}
+
+/// The target of `--error` alone, as it stands in stores.
+pub(super) fn escape(error: f32) -> ErrorTarget {
+    ErrorTarget { error: shortest(error), of: ESCAPE.into() }
+}
+
+/// The decimal number that a user would write for it.
+fn shortest(error: f32) -> f64 {
+    error.to_string().parse().unwrap_or(f64::from(error))
+}
+
+impl Job<'_> {
+    /// Where texels stop. With a time, trials decide, once: the store keeps the decision.
+    pub(super) fn quality(
+        &self,
+        pyramid: &Pyramid,
+        store: &Store,
+        everything: impl FnOnce() -> Selection,
+        start: Instant,
+        console: &Console,
+    ) -> Outcome<Quality> {
+        if self.goal.error.is_none() && self.goal.time.is_none() {
+            return Ok(Quality { target: None, name: None });
+        }
+        let kind = Kind::new(self, pyramid)?;
+        let mut error = self.goal.error;
+        if let Some(time) = self.goal.time {
+            let allowed = self.allocate(&kind, pyramid, store, everything, start, time, console)?;
+            error = Some(error.map_or(allowed, |error| error.max(allowed)));
+        }
+        Ok(kind.quality(error.unwrap_or(LARGEST_ERROR as f32)))
+    }
+
+    /// The error that a time allows, as the store recorded it or from trials.
+    fn allocate(
+        &self,
+        kind: &Kind<'_>,
+        pyramid: &Pyramid,
+        store: &Store,
+        everything: impl FnOnce() -> Selection,
+        start: Instant,
+        time: Duration,
+        console: &Console,
+    ) -> Outcome<f32> {
+        let isovalues = self.isovalues.as_ref().map_or(json!("all"), |list| json!(list));
+        let asked = json!({
+            "seconds": time.as_secs_f64(), "rays": self.settings.rays, "isovalues": isovalues, "error_of": kind.of,
+        });
+        if let Some(record) = store.record("allocation")?
+            && record["asked"] == asked
+            && let Some(error) = record["error"].as_f64()
+        {
+            console.note(format!("goes on with the standard error {error} that the first run allowed"));
+            return Ok(error as f32);
+        }
+        let selection = everything();
+        let error = self.search(kind, pyramid, &selection, start, time)?;
+        let record = json!({ "asked": asked, "error": shortest(error) });
+        store.write_record("allocation", &record)?;
+        console.note(format!(
+            "{} allow a standard error of {error} (1 = an unoccluded texel, or the mean radiance); the same store comes \
+             from --error {error} --rays {}",
+            text::duration(time),
+            self.settings.rays
+        ));
+        Ok(error)
+    }
+
+    /// Bakes a few bricks at growing numbers until the time that the whole would take is the time that is left.
+    fn search(
+        &self,
+        kind: &Kind<'_>,
+        pyramid: &Pyramid,
+        selection: &Selection,
+        start: Instant,
+        time: Duration,
+    ) -> Outcome<f32> {
+        let bricks = selection.bricks();
+        let total = selection.len() as f64;
+        let seconds = time.as_secs_f64();
+        let measure = |error: f64, count: usize| -> Result<f64> {
+            let picked: Vec<[usize; 3]> = spread(&bricks, count);
+            let settings = Settings { target: Some(kind.target(error as f32)), ..self.settings.clone() };
+            let request = Bake { volume: self.volume, pyramid, layout: &self.layout, settings: &settings, selection };
+            let before = Instant::now();
+            let texels = trial(&request, &picked)?.texels;
+            Ok(before.elapsed().as_secs_f64() / texels.max(1) as f64)
+        };
+        if bricks.is_empty() {
+            return Ok(LARGEST_ERROR as f32);
+        }
+        let (mut error, mut count) = (0.1, 32);
+        // Error and time per texel of the trials so far.
+        let mut seen: Vec<(f64, f64)> = Vec::new();
+        for _ in 0..TRIALS {
+            let per_texel = measure(error, count)?;
+            seen.push((error, per_texel));
+            let left = (seconds * (1.0 - RESERVE) - start.elapsed().as_secs_f64()).max(1e-3);
+            let allowed = left / total;
+            let next = next_error(&seen, allowed);
+            if per_texel > allowed && error >= LARGEST_ERROR {
+                return Err(Failure::Message(format!(
+                    "{} are not enough: about {} are needed for the least that makes sense, 32 rays a texel; \
+                     give more --time, or lower --texture, or choose --isovalues",
+                    text::duration(time),
+                    text::duration(Duration::from_secs_f64(per_texel * total / (1.0 - RESERVE)))
+                )));
+            }
+            error = next;
+            let texels = (TRIAL * seconds / allowed).min(1e9);
+            count = ((texels / total * bricks.len() as f64) as usize).clamp(16, bricks.len().max(16));
+        }
+        Ok(two_digits(error))
+    }
+
+    /// The claims that a bake of `quality` makes, one for each isosurface.
+    pub(super) fn claims(&self, name: &Option<ErrorTarget>) -> Vec<Baked> {
+        let claim = |isovalue| Baked { isovalue, rays: self.settings.rays, target: name.clone() };
+        match &self.isovalues {
+            None => vec![claim(None)],
+            Some(list) => {
+                let mut list = list.clone();
+                list.sort_by(f64::total_cmp);
+                list.dedup();
+                list.into_iter().map(|c| claim(Some(c))).collect()
+            }
+        }
+    }
+}
+
+/// The error whose time per texel is `allowed`, by the power law through the last two trials (N ~ error^-4/3 after
+/// one, the law of the estimator's stopping rule), at most a factor of 8 away.
+fn next_error(seen: &[(f64, f64)], allowed: f64) -> f64 {
+    const LAW: f64 = -0.75;
+    let (error, time) = seen[seen.len() - 1];
+    let slope = match seen {
+        [.., (e0, t0), (e1, t1)] if (e1 / e0).ln().abs() > 0.05 => {
+            // d ln error / d ln time: steep near the least that a texel gets, where time hardly falls any more.
+            let slope = (e1 / e0).ln() / (t1 / t0).ln();
+            if slope.is_finite() { slope.clamp(-4.0, -0.4) } else { LAW }
+        }
+        _ => LAW,
+    };
+    let factor = (allowed / time).powf(slope).clamp(0.125, 8.0);
+    (error * factor).clamp(SMALLEST_ERROR, LARGEST_ERROR)
+}
+
+/// Rounded up to two digits: what a user would type.
+fn two_digits(error: f64) -> f32 {
+    let scale = 10f64.powi(1 - error.log10().floor() as i32);
+    ((error * scale).ceil() / scale).to_string().parse().unwrap_or(error as f32)
+}
+
+/// `count` bricks at equal steps.
+fn spread(bricks: &[[usize; 3]], count: usize) -> Vec<[usize; 3]> {
+    let count = count.min(bricks.len());
+    (0..count).map(|i| bricks[(2 * i + 1) * bricks.len() / (2 * count)]).collect()
+}
+
+/// Reads a time such as 90s, 2m, 1h30m or a number of seconds.
+pub(in super::super) fn parse_time(text: &str) -> std::result::Result<Duration, String> {
+    let refuse = || "give a time such as 90s, 2m or 1h30m".to_string();
+    let mut seconds = 0.0;
+    let mut rest = text.trim();
+    while !rest.is_empty() {
+        let digits = rest.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(rest.len());
+        let number: f64 = rest[..digits].parse().map_err(|_| refuse())?;
+        let unit: String = rest[digits..].chars().take_while(|c| c.is_ascii_alphabetic()).collect();
+        seconds += number
+            * match unit.as_str() {
+                "" | "s" => 1.0,
+                "m" | "min" => 60.0,
+                "h" => 3600.0,
+                _ => return Err(refuse()),
+            };
+        rest = &rest[digits + unit.len()..];
+    }
+    if seconds > 0.0 && seconds < 1e8 { Ok(Duration::from_secs_f64(seconds)) } else { Err(refuse()) }
+}
+
+/// For the record of a report.
+pub(super) fn of_text(name: Option<&ErrorTarget>) -> String {
+    name.map_or("Σ a_k".into(), |t| if t.of == ESCAPE { "Σ a_k and a_0".into() } else { t.of.clone() })
+}
+
+/// As JSON, for the provenance of reports.
+pub(super) fn goal_json(goal: &Goal) -> Value {
+    json!({
+        "error": goal.error,
+        "for_env": goal.light.as_ref().map(|l| &l.name),
+        "seconds": goal.time.map(|t| t.as_secs_f64()),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_as_people_write_them() {
+        let seconds = |t: &str| parse_time(t).map(|d| d.as_secs_f64());
+        assert_eq!(seconds("90s"), Ok(90.0));
+        assert_eq!(seconds("2m"), Ok(120.0));
+        assert_eq!(seconds("1h30m"), Ok(5400.0));
+        assert_eq!(seconds("1.5"), Ok(1.5));
+        for bad in ["", "0", "-3", "3 days", "1e400", "m", "5x", "ä"] {
+            assert!(parse_time(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn the_search_finds_the_error_of_a_power_law_with_a_floor() {
+        // Time per texel: 16 paths at least, then error^-4/3.
+        let time = |error: f64| 1e-6 * (32.0 + 0.02 * error.powf(-4.0 / 3.0));
+        for allowed in [4e-5, 1e-4, 1e-3] {
+            let mut error = 0.1;
+            let mut seen = Vec::new();
+            for _ in 0..TRIALS {
+                seen.push((error, time(error)));
+                error = next_error(&seen, allowed);
+            }
+            let (error, reached) = (two_digits(error), time(f64::from(two_digits(error))));
+            assert!((reached / allowed).ln().abs() < 0.2, "{allowed}: {error} takes {reached}");
+        }
+    }
+
+    #[test]
+    fn errors_are_rounded_up_to_what_one_would_type() {
+        assert_eq!(two_digits(0.01234), 0.013);
+        assert_eq!(two_digits(0.5), 0.5);
+        assert_eq!(two_digits(0.000999), 0.001);
+        assert_eq!(shortest(0.013), 0.013);
+    }
+}

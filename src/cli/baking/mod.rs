@@ -1,0 +1,338 @@
+//! Filling a store: what to bake, what is there already, the bake itself.
+
+mod goal;
+mod report;
+mod todo;
+
+pub(super) use goal::{ForLight, Goal, parse_time};
+
+use super::console::{Console, interrupts};
+use super::{Failure, Outcome, options};
+use crate::error::{Error, Result};
+use crate::level::Pyramid;
+use crate::relight::texels_of_isosurface;
+use crate::scene;
+use crate::transfer::store::{ChunkExtent, Identity, Store};
+use crate::transfer::{Brick, Layout, Selection};
+use crate::transport::{Bake, Bias, GatherSettings, Progress, Settings, Summary, Target, bake, gather, pilot};
+use crate::volume::Volume;
+use serde_json::{Value, json};
+use std::path::Path;
+use std::time::{Duration, Instant};
+use todo::{Part, Todo, texels_in};
+
+/// Chunks between two looks at whether the user wants to stop. The library bakes this many together.
+const GROUP: usize = 8;
+/// Texels and rays of the trial that the plan rests on.
+const PILOT_TEXELS: u64 = 2000;
+const PILOT_RAYS: u32 = 16;
+/// Accepted error of what the plan drops, relative to the brightest light.
+const TOLERANCE: f64 = 0.01;
+
+/// A bake as asked for.
+pub(super) struct Job<'a> {
+    pub(super) volume: &'a Volume,
+    /// Name of the input without directories, for the record.
+    pub(super) label: &'a str,
+    pub(super) layout: Layout,
+    /// Without a target: that follows from the goal.
+    pub(super) settings: Settings,
+    pub(super) goal: Goal,
+    pub(super) estimator: Estimator,
+    /// In the file's values; `None` for all.
+    pub(super) isovalues: Option<Vec<f64>>,
+    pub(super) share: Option<Share>,
+    pub(super) memory_limit: Option<u64>,
+    /// When the command began.
+    pub(super) start: Instant,
+}
+
+/// Who computes the transfer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Estimator {
+    /// Path tracing within each level set: unbiased
+    #[default]
+    Path,
+    /// The texture as radiance cache: less noise in less time where light bounces often, with a bias that is printed
+    Gather,
+}
+
+/// One of several parts into which the chunks of a store are dealt out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Share {
+    /// From 1.
+    pub(super) index: usize,
+    pub(super) of: usize,
+}
+
+impl Share {
+    /// Whether it holds the chunk with a linear index.
+    fn holds(self, chunk: usize) -> bool {
+        chunk % self.of == self.index - 1
+    }
+
+    pub(super) fn parse(text: &str) -> std::result::Result<Self, String> {
+        let numbers = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        match numbers {
+            Some((index, of)) if 1 <= index && index <= of && of <= 4096 => Ok(Self { index, of }),
+            _ => Err("give i/n with i from 1 to n, such as 1/3, and n at most 4096".into()),
+        }
+    }
+}
+
+/// What a bake did and how long it took.
+#[derive(Default)]
+pub(super) struct Report {
+    pub(super) summary: Summary,
+    pub(super) chunks_baked: usize,
+    pub(super) chunks_kept: usize,
+    /// Rays per texel that were asked for; the most of any texel where they stop at an error.
+    pub(super) rays: u32,
+    /// What the standard errors of the summary are of.
+    pub(super) error_of: String,
+    /// The standard error that texels had to reach.
+    pub(super) error: Option<f64>,
+    pub(super) goal: Value,
+    /// Of the estimator `gather`.
+    pub(super) bias: Option<Bias>,
+    pub(super) prepare: Duration,
+    pub(super) trace: Duration,
+    pub(super) write: Duration,
+}
+
+impl Job<'_> {
+    /// What decides the store's numbers.
+    pub(super) fn identity(&self) -> Identity {
+        Identity::new(self.volume, &self.layout, self.estimator_name(), self.settings.positive, self.settings.seed)
+    }
+
+    /// The estimator as it stands in stores. The texels of `gather` depend on their neighbours, so which isosurfaces
+    /// are baked together is part of its name.
+    fn estimator_name(&self) -> String {
+        match self.estimator {
+            Estimator::Path => "path".into(),
+            Estimator::Gather => {
+                let how = self.gather_settings();
+                let list = |l: &Vec<f64>| l.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
+                let isovalues = self.isovalues.as_ref().map_or("all".into(), list);
+                let rays = self.settings.rays;
+                format!(
+                    "gather: {} passes of {}, then {rays} rays; isovalues {isovalues}",
+                    how.passes - 1,
+                    how.cache_rays
+                )
+            }
+        }
+    }
+
+    fn gather_settings(&self) -> GatherSettings {
+        let memory_limit = self.memory_limit.unwrap_or_else(options::default_memory_limit);
+        GatherSettings { memory_limit, ..GatherSettings::default() }
+    }
+
+    /// The texels that the isovalues asked for need.
+    pub(super) fn selection(&self) -> Selection {
+        let lattice = self.layout.lattice;
+        let Some(list) = &self.isovalues else { return Selection::of_all_isosurfaces(lattice, self.volume) };
+        let mut selection = Selection::empty(lattice);
+        for &c in list {
+            selection.insert_all(&texels_of_isosurface(self.volume, lattice, c));
+        }
+        selection
+    }
+
+    /// Texels that a bake into the store at `path` would have to trace; all that are needed if there is none.
+    pub(super) fn texels_missing(&self, path: &Path) -> Result<u64> {
+        if path.symlink_metadata().is_err() {
+            return Ok(self.selection().len());
+        }
+        let target = self.goal.error.map(goal::escape);
+        let store = Store::open(path)?;
+        let mut todo = Todo::new(self, &store, self.claims(&target))?;
+        let mut texels = 0;
+        for i in 0..todo.len() {
+            let part = todo.part(i);
+            texels += texels_in(&part.selection, &part.chunks);
+        }
+        Ok(texels)
+    }
+
+    /// Refuses what does not fit into the memory allowed.
+    pub(super) fn check_memory(&self) -> Result<()> {
+        let needed = options::bake_bytes(self.volume, &self.layout, self.isovalues.as_ref().map_or(1, Vec::len));
+        options::check_memory(&format!("the bake of {}", self.label), needed, self.memory_limit)?;
+        if self.estimator == Estimator::Gather && (self.goal.error.is_some() || self.goal.time.is_some()) {
+            let remedy = "leave out --error and --time, or use the estimator path";
+            return Err(Error::argument("--estimator gather", "a target as well", "a number of --rays", remedy));
+        }
+        Ok(())
+    }
+
+    /// The plan of effects, from a trial of a few texels.
+    pub(super) fn plan(&self, pyramid: &Pyramid, albedo: Option<f32>) -> Result<scene::Plan> {
+        self.plan_of(pyramid, &self.selection(), self.isovalues.as_deref(), self.settings.rays, albedo)
+    }
+
+    fn plan_of(
+        &self,
+        pyramid: &Pyramid,
+        selection: &Selection,
+        isovalues: Option<&[f64]>,
+        rays: u32,
+        albedo: Option<f32>,
+    ) -> Result<scene::Plan> {
+        let settings = Settings { rays: PILOT_RAYS, target: None, ..self.settings.clone() };
+        let (volume, layout) = (self.volume, &self.layout);
+        let trial = pilot(&Bake { volume, pyramid, layout, settings: &settings, selection }, PILOT_TEXELS)?;
+        let pilot = scene::Pilot {
+            texels: trial.texels,
+            valid: trial.valid,
+            paths: trial.paths,
+            rays: trial.counts.rays,
+            escapes: trial.mean_escapes(),
+            lost_share: trial.lost_share(),
+        };
+        Ok(scene::plan(&scene::PlanInput {
+            texels: layout.lattice.texels().iter().map(|&m| m as u64).product(),
+            selected: selection.len(),
+            isovalues,
+            rays,
+            bands: layout.layers.bands(),
+            albedo,
+            emits: false,
+            tolerance: TOLERANCE,
+            bytes_per_texel: options::texel_bytes(&layout.layers),
+            pilot: &pilot,
+        }))
+    }
+
+    /// How the store was made. Nothing in it depends on the machine, the threads or the clock, nor on what may grow
+    /// later: isovalues, rays and errors stand with the chunks. So the plan is that of all isosurfaces at 64 rays.
+    fn provenance(&self, pyramid: &Pyramid) -> Result<Value> {
+        let selection = Selection::of_all_isosurfaces(self.layout.lattice, self.volume);
+        let plan = self.plan_of(pyramid, &selection, None, 64, None)?;
+        Ok(json!({
+            "program": concat!("isolume ", env!("CARGO_PKG_VERSION")),
+            "input": self.label,
+            "plan": plan.effects,
+        }))
+    }
+}
+
+/// Bakes what is missing into the store at `path`, which is made if there is none.
+pub(super) fn fill(job: &Job<'_>, path: &Path, console: &Console) -> Outcome<(Store, Report)> {
+    job.check_memory()?;
+    let pyramid = Pyramid::new(job.volume);
+    let provenance = if path.symlink_metadata().is_ok() { Value::Null } else { job.provenance(&pyramid)? };
+    let mut store = Store::open_or_create(path, job.volume, &job.identity(), provenance)?;
+    let mut report = Report::default();
+    {
+        let _lock = match job.share {
+            None => store.lock()?,
+            Some(share) => store.lock_share(share.index, share.of)?,
+        };
+        let quality = job.quality(&pyramid, &store, || job.selection(), job.start, console)?;
+        let mut todo = Todo::new(job, &store, job.claims(&quality.name))?;
+        if let Some(share) = job.share {
+            let chunks = todo.kept + todo.missing;
+            console.note(format!("share {} of {}: {chunks} chunks", share.index, share.of));
+        }
+        if todo.kept > 0 {
+            console.note(format!("{} of {} chunks are there already", todo.kept, todo.kept + todo.missing));
+        }
+        report.prepare = job.start.elapsed();
+        (report.chunks_kept, report.rays) = (todo.kept, job.settings.rays);
+        report.error_of = goal::of_text(quality.name.as_ref());
+        report.error = quality.name.as_ref().map(|t| t.error);
+        report.goal = goal::goal_json(&job.goal);
+        let _guard = console.guard();
+        run(job, &pyramid, &store, &mut todo, quality.target, console, &mut report)?;
+    }
+    store.refresh();
+    Ok((store, report))
+}
+
+fn run(
+    job: &Job<'_>,
+    pyramid: &Pyramid,
+    store: &Store,
+    todo: &mut Todo<'_>,
+    target: Option<Target>,
+    console: &Console,
+    report: &mut Report,
+) -> Outcome {
+    let settings = Settings { target, ..job.settings.clone() };
+    let start = Instant::now();
+    for i in 0..todo.len() {
+        let mut part = todo.part(i);
+        let texels = texels_in(&part.selection, &part.chunks);
+        if job.estimator == Estimator::Gather {
+            part.selection = todo.everything();
+        }
+        let progress = Progress::default();
+        console
+            .watch("bake", texels, &progress, || bake_part(job, pyramid, store, &settings, &part, &progress, report))?;
+        if interrupts() > 0 {
+            break;
+        }
+    }
+    report.trace = start.elapsed().saturating_sub(report.write);
+    if report.chunks_baked < todo.missing {
+        let (done, all) = (report.chunks_baked + todo.kept, todo.missing + todo.kept);
+        return Err(Failure::Message(format!("stopped after {done} of {all} chunks; resume with the same command")));
+    }
+    Ok(())
+}
+
+fn bake_part(
+    job: &Job<'_>,
+    pyramid: &Pyramid,
+    store: &Store,
+    settings: &Settings,
+    part: &Part,
+    progress: &Progress,
+    report: &mut Report,
+) -> Result<()> {
+    let request = Bake { volume: job.volume, pyramid, layout: &job.layout, settings, selection: &part.selection };
+    let present = |chunk: [usize; 3]| Ok(store.read_chunk(chunk)?.map(|(bricks, _)| bricks));
+    let (mut write, mut baked) = (Duration::ZERO, 0);
+    let mut sink = |chunk: [usize; 3], bricks: Vec<Option<Brick>>| {
+        let before = Instant::now();
+        let mut extent: ChunkExtent = store.chunk_extent(chunk)?.unwrap_or_default();
+        part.claims.iter().for_each(|claim| extent.add(claim.clone()));
+        store.write_chunk(chunk, bricks, &extent)?;
+        write += before.elapsed();
+        baked += 1;
+        Ok(())
+    };
+    let mut summary = Summary::default();
+    match job.estimator {
+        Estimator::Path => {
+            for group in part.chunks.chunks(GROUP) {
+                if interrupts() > 0 {
+                    break;
+                }
+                summary.add(&bake(&request, group, progress, &present, &mut sink)?);
+            }
+        }
+        Estimator::Gather => {
+            let gathered = gather(&request, &job.gather_settings(), &part.chunks, progress, &present, &mut sink)?;
+            summary.add(&gathered.summary);
+            report.bias = Some(gathered.bias);
+        }
+    }
+    report.summary.add(&summary);
+    report.write += write;
+    report.chunks_baked += baked;
+    Ok(())
+}
+
+/// Bytes of all files under a path.
+pub(super) fn size_on_disk(path: &Path) -> u64 {
+    let Ok(metadata) = path.symlink_metadata() else { return 0 };
+    if !metadata.is_dir() {
+        return metadata.len();
+    }
+    let entries = std::fs::read_dir(path).map(|e| e.flatten().collect::<Vec<_>>()).unwrap_or_default();
+    entries.iter().map(|e| size_on_disk(&e.path())).sum()
+}

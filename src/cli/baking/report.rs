@@ -1,0 +1,147 @@
+//! What a bake tells of itself.
+
+use super::super::text;
+use super::Report;
+use crate::transport::Bias;
+use serde_json::{Value, json};
+
+impl Report {
+    /// The report as lines for people.
+    pub(in super::super) fn lines(&self, store_bytes: u64) -> String {
+        let s = &self.summary;
+        if self.chunks_baked == 0 {
+            return format!("nothing to bake: all {} chunks are there", self.chunks_kept);
+        }
+        let escapes: Vec<String> = s.mean_escapes().iter().map(|a| format!("{a:.4}")).collect();
+        let valid = s.valid as f64 / s.texels.max(1) as f64;
+        let clamped = s.clamped as f64 / s.valid.max(1) as f64;
+        let rows = [
+            (
+                "texels",
+                format!(
+                    "{} asked, {} valid ({}), {} clamped ({})",
+                    text::count(s.texels),
+                    text::count(s.valid),
+                    text::percent(valid),
+                    text::count(s.clamped),
+                    text::percent(clamped)
+                ),
+            ),
+            (
+                "rays",
+                format!(
+                    "{} in {}, {}; {} paths a texel",
+                    text::metric(s.counts.rays as f64).trim_end(),
+                    text::duration(self.trace),
+                    text::rate(s.counts.rays as f64, self.trace),
+                    text::number(s.paths as f64 / s.valid.max(1) as f64, 4)
+                ),
+            ),
+            (
+                "paths",
+                format!(
+                    "{}: {} lost in the solid, {} still travelling after the last layer",
+                    text::metric(s.paths as f64).trim_end(),
+                    text::percent(s.lost_share()),
+                    text::percent(s.trapped as f64 / s.paths.max(1) as f64)
+                ),
+            ),
+            ("mean a_k", format!("{}  (chance to escape after exactly k bounces)", escapes.join("  "))),
+            (
+                "error",
+                format!(
+                    "standard error of {}: 50 % of texels ≤ {:.4}, 95 % ≤ {:.4}, all ≤ {:.4}; RMS of Σ a_k {:.4}",
+                    self.error_of,
+                    s.errors.quantile(0.5),
+                    s.errors.quantile(0.95),
+                    s.errors.quantile(1.0),
+                    s.escape_stderr_rms()
+                ),
+            ),
+            (
+                "time",
+                format!(
+                    "prepare {}, trace {}, write {}",
+                    text::duration(self.prepare),
+                    text::duration(self.trace),
+                    text::duration(self.write)
+                ),
+            ),
+            (
+                "store",
+                format!(
+                    "{} chunks written, {} kept, {}",
+                    self.chunks_baked,
+                    self.chunks_kept,
+                    text::bytes(store_bytes as f64)
+                ),
+            ),
+        ];
+        let mut rows: Vec<_> = rows.into_iter().map(|(name, value)| vec![name.to_string(), value]).collect();
+        if let Some(bias) = &self.bias {
+            rows.insert(5, vec!["bias".into(), bias_line(bias)]);
+        }
+        text::table(&rows)
+    }
+
+    /// The report for machines.
+    pub(in super::super) fn json(&self, store_bytes: u64) -> Value {
+        let s = &self.summary;
+        json!({
+            "texels": { "asked": s.texels, "valid": s.valid, "clamped": s.clamped, "degenerate": s.degenerate },
+            "rays": s.counts.rays,
+            "rays_per_texel": self.rays,
+            "error_target": self.error,
+            "goal": self.goal,
+            "counts": { "nodes": s.counts.nodes, "cells": s.counts.cells, "solves": s.counts.solves },
+            "paths": s.paths,
+            "pilot_paths": s.pilot_paths,
+            "lost_share": s.lost_share(),
+            "trapped_share": s.trapped as f64 / s.paths.max(1) as f64,
+            "mean_escapes": s.mean_escapes(),
+            "escape_stderr": {
+                "p50": s.errors.quantile(0.5),
+                "p95": s.errors.quantile(0.95),
+                "p100": s.errors.quantile(1.0),
+                "of": self.error_of,
+                "rms": s.escape_stderr_rms(),
+            },
+            "seconds": {
+                "prepare": self.prepare.as_secs_f64(),
+                "trace": self.trace.as_secs_f64(),
+                "write": self.write.as_secs_f64(),
+            },
+            "mrays_per_second": s.counts.rays as f64 / self.trace.as_secs_f64().max(1e-9) / 1e6,
+            "chunks": { "baked": self.chunks_baked, "kept": self.chunks_kept },
+            "bias": self.bias.as_ref().map(bias_json),
+            "store_bytes": store_bytes,
+        })
+    }
+}
+
+/// What is known of the bias of `gather`.
+fn bias_line(b: &Bias) -> String {
+    if b.texels == 0 {
+        return "none: without a cache gather is path".into();
+    }
+    let relative = |figure: f64| text::percent(b.relative(figure));
+    format!(
+        "radiance under constant light, albedo 0.7, against path in {} texels: mean {:+.3} ± {:.3} %, RMS over texels {} \
+         (95 %: at most {})",
+        text::count(b.texels),
+        100.0 * b.relative(b.mean),
+        100.0 * b.relative(b.mean_stderr),
+        relative(b.rms()),
+        relative(b.rms_at_most()),
+    )
+}
+
+fn bias_json(b: &Bias) -> Value {
+    json!({
+        "texels": b.texels,
+        "mean": b.relative(b.mean),
+        "mean_stderr": b.relative(b.mean_stderr),
+        "rms": b.relative(b.rms()),
+        "rms_at_most": b.relative(b.rms_at_most()),
+    })
+}

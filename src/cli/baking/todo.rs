@@ -1,0 +1,151 @@
+//! What of a bake is still to do: which chunks lack which isosurfaces.
+
+use super::Job;
+use crate::error::Result;
+use crate::relight::{extents_by_chunk, texels_of_isosurface};
+use crate::transfer::store::{Baked, Store};
+use crate::transfer::{CHUNK, Selection};
+use std::collections::BTreeMap;
+
+/// Chunks that lack the same and have the same.
+struct Group {
+    /// Indices into [`Todo::wanted`].
+    missing: Vec<usize>,
+    /// Isosurfaces, as keys, whose texels are as good as asked already.
+    done: Vec<Key>,
+    chunks: Vec<[usize; 3]>,
+}
+
+/// An isovalue as a key; `None` for all isosurfaces.
+type Key = Option<u64>;
+
+fn key(isovalue: Option<f64>) -> Key {
+    isovalue.map(f64::to_bits)
+}
+
+/// The missing and the done of a [`Group`].
+type Need = (Vec<usize>, Vec<Key>);
+
+/// A part of a bake: chunks that get the same texels and the same claims.
+pub(super) struct Part {
+    pub(super) selection: Selection,
+    pub(super) chunks: Vec<[usize; 3]>,
+    pub(super) claims: Vec<Baked>,
+}
+
+/// What remains to be baked.
+pub(super) struct Todo<'a> {
+    job: &'a Job<'a>,
+    /// One claim for each isosurface asked for.
+    wanted: Vec<Baked>,
+    groups: Vec<Group>,
+    selections: BTreeMap<Key, Selection>,
+    /// Chunks that have all that is asked of them.
+    pub(super) kept: usize,
+    /// Chunks that do not.
+    pub(super) missing: usize,
+}
+
+impl<'a> Todo<'a> {
+    /// Compares what is asked with the records of the chunks. With a share only its chunks count.
+    pub(super) fn new(job: &'a Job<'a>, store: &Store, wanted: Vec<Baked>) -> Result<Self> {
+        let mut todo = Self { job, wanted, groups: Vec::new(), selections: BTreeMap::new(), kept: 0, missing: 0 };
+        let [cx, cy, cz] = job.layout.lattice.chunks();
+        // Which of the isosurfaces asked for touch each chunk.
+        let mut touched: Vec<Vec<usize>> = vec![Vec::new(); cx * cy * cz];
+        for i in 0..todo.wanted.len() {
+            let selection = todo.selection_of(key(todo.wanted[i].isovalue));
+            let at = |c: usize| [c % cx, c / cx % cy, c / cx / cy];
+            let chunks: Vec<usize> = (0..cx * cy * cz).filter(|&c| selection.touches_chunk(at(c))).collect();
+            chunks.into_iter().for_each(|c| touched[c].push(i));
+        }
+        let mut groups: BTreeMap<Need, Vec<[usize; 3]>> = BTreeMap::new();
+        for (c, asked) in touched.iter().enumerate().filter(|(_, asked)| !asked.is_empty()) {
+            if job.share.is_some_and(|share| !share.holds(c)) {
+                continue;
+            }
+            let chunk = [c % cx, c / cx % cy, c / cx / cy];
+            let extent = store.chunk_extent(chunk)?.unwrap_or_default();
+            let missing: Vec<usize> = asked.iter().copied().filter(|&i| !extent.covers(&todo.wanted[i])).collect();
+            if missing.is_empty() {
+                todo.kept += 1;
+                continue;
+            }
+            todo.missing += 1;
+            // Without a target a texel's own count of rays tells whether it is as good as asked.
+            let asked = &todo.wanted[missing[0]];
+            let as_good = |have: &&Baked| have.covers(&Baked { isovalue: have.isovalue, ..asked.clone() });
+            let done = extent.claims().iter().filter(|_| asked.target.is_some()).filter(as_good);
+            let done = done.map(|have| key(have.isovalue)).collect();
+            groups.entry((missing, done)).or_default().push(chunk);
+        }
+        todo.groups = groups.into_iter().map(|((missing, done), chunks)| Group { missing, done, chunks }).collect();
+        todo.sort_by_extent();
+        Ok(todo)
+    }
+
+    /// Chunks in which the surfaces asked for cross the largest extent of isovalues come first, so that a bake that
+    /// is stopped has the most to show. A bake of all isosurfaces keeps the order of the file.
+    fn sort_by_extent(&mut self) {
+        let Some(isovalues) = &self.job.isovalues else { return };
+        let lattice = self.job.layout.lattice;
+        let [cx, cy, cz] = lattice.chunks();
+        let mut extents = vec![0.0; cx * cy * cz];
+        for &c in isovalues {
+            let of_one = extents_by_chunk(self.job.volume, lattice, c);
+            extents.iter_mut().zip(of_one).for_each(|(sum, extent)| *sum += extent);
+        }
+        let extent = |chunk: &[usize; 3]| extents[chunk[0] + cx * (chunk[1] + cy * chunk[2])];
+        for group in &mut self.groups {
+            group.chunks.sort_by(|a, b| extent(b).total_cmp(&extent(a)));
+        }
+        let first = |group: &Group| group.chunks.first().map_or(0.0, extent);
+        self.groups.sort_by(|a, b| first(b).total_cmp(&first(a)));
+    }
+
+    fn selection_of(&mut self, key: Key) -> &Selection {
+        let (volume, lattice) = (self.job.volume, self.job.layout.lattice);
+        self.selections.entry(key).or_insert_with(|| match key {
+            None => Selection::of_all_isosurfaces(lattice, volume),
+            Some(bits) => texels_of_isosurface(volume, lattice, f64::from_bits(bits)),
+        })
+    }
+
+    /// Number of parts.
+    pub(super) fn len(&self) -> usize {
+        self.groups.len()
+    }
+
+    /// A part; its selection is made when it is asked for, since each takes a bit for every texel.
+    pub(super) fn part(&mut self, index: usize) -> Part {
+        let (missing, done) = (self.groups[index].missing.clone(), self.groups[index].done.clone());
+        let mut selection = Selection::empty(self.job.layout.lattice);
+        for &i in &missing {
+            selection.insert_all(self.selection_of(key(self.wanted[i].isovalue)));
+        }
+        for key in done {
+            selection.remove_all(self.selection_of(key));
+        }
+        let claims = missing.iter().map(|&i| self.wanted[i].clone()).collect();
+        Part { selection, chunks: self.groups[index].chunks.clone(), claims }
+    }
+
+    /// All texels of the isosurfaces asked for, in all chunks.
+    pub(super) fn everything(&mut self) -> Selection {
+        let mut selection = Selection::empty(self.job.layout.lattice);
+        for i in 0..self.wanted.len() {
+            selection.insert_all(self.selection_of(key(self.wanted[i].isovalue)));
+        }
+        selection
+    }
+}
+
+/// Number of selected texels in some chunks.
+pub(super) fn texels_in(selection: &Selection, chunks: &[[usize; 3]]) -> u64 {
+    let texels = |chunk: &[usize; 3]| {
+        let span = |a: usize| chunk[a] * CHUNK..(chunk[a] + 1) * CHUNK;
+        let inside = |z, y| span(0).filter(|&x| selection.contains([x, y, z])).count() as u64;
+        span(2).flat_map(|z| span(1).map(move |y| (z, y))).map(|(z, y)| inside(z, y)).sum::<u64>()
+    };
+    chunks.iter().map(texels).sum()
+}

@@ -1,0 +1,60 @@
+//! `isolume merge`: puts together what was baked apart.
+
+use super::Outcome;
+use super::console::Console;
+use super::input::file_name;
+use super::{baking, text};
+use crate::error::Error;
+use crate::transfer::store::Store;
+use serde_json::json;
+use std::path::PathBuf;
+
+/// Put together stores that were baked apart, such as the shares of several machines
+///
+/// Only stores of the same volume, texture, layers, estimator and seed fit together. Where several hold a texel, the
+/// one of the most rays stays. The result does not depend on the order of the stores.
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  isolume merge one.isolume two.isolume -o brain.isolume")]
+pub(super) struct Merge {
+    /// Stores to read
+    #[arg(value_name = "X.isolume", required = true)]
+    inputs: Vec<PathBuf>,
+    /// Store to write into; made if it is not there
+    #[arg(short, long, value_name = "X.isolume")]
+    output: PathBuf,
+}
+
+impl Merge {
+    pub(super) fn run(&self, console: &Console) -> Outcome {
+        let sources = self.inputs.iter().map(Store::open).collect::<Result<Vec<_>, Error>>()?;
+        let first = &sources[0];
+        let volume = first.volume()?;
+        // Every store must fit before one is touched.
+        for store in &sources[1..] {
+            if let Some((field, stored, asked)) = first.identity().first_difference(store.identity()) {
+                return Err(Error::Mismatch {
+                    path: store.path().into(),
+                    field: field.into(),
+                    stored: asked,
+                    asked: stored,
+                    remedy: format!("merge only shares of one bake; {} was the first", first.path().display()),
+                }
+                .into());
+            }
+        }
+        let target = Store::open_or_create(&self.output, &volume, first.identity(), first.provenance().clone())?;
+        let _lock = target.lock()?;
+        let mut rows = vec![["store", "chunks taken", "chunks that brought nothing"].map(String::from).to_vec()];
+        let mut json_rows = Vec::new();
+        for store in &sources {
+            let report = target.take_from(store)?;
+            let name = store.path().display().to_string();
+            rows.push(vec![name.clone(), report.taken.to_string(), report.kept.to_string()]);
+            json_rows.push(json!({ "store": file_name(&name), "taken": report.taken, "kept": report.kept }));
+        }
+        let bytes = baking::size_on_disk(&self.output);
+        console.print(format!("{}\n{}", text::table(&rows), text::bytes(bytes as f64)));
+        console.print_json(&json!({ "stores": json_rows, "store_bytes": bytes }));
+        Ok(())
+    }
+}

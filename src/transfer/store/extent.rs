@@ -1,0 +1,165 @@
+//! How far a chunk was baked: claims about its texels, each of which stays true when others are added.
+//!
+//! A texel only ever gets better: a bake that goes on replaces it by an estimate of more rays or leaves it. So what
+//! was once reached for an isosurface is never lost to a later bake for another, and the record does not depend on
+//! the order in which isosurfaces were asked for.
+
+use crate::error::{Error, Result};
+use serde_json::{Value, json};
+
+/// A standard error to stop at, and of what.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ErrorTarget {
+    /// The standard error.
+    pub error: f64,
+    /// The name of the number that has it: two targets are compared only if their names agree.
+    pub of: String,
+}
+
+/// A claim: the texels that lookups on some isosurface read, as far as they lie in the chunk, are baked this well.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Baked {
+    /// The isovalue in the file's values; `None` for every isosurface.
+    pub isovalue: Option<f64>,
+    /// Rays a texel; the most that a texel gets where texels decide for themselves.
+    pub rays: u32,
+    /// The standard error at which texels may stop before `rays`.
+    pub target: Option<ErrorTarget>,
+}
+
+impl Baked {
+    /// Whether this claim implies another.
+    pub fn covers(&self, other: &Self) -> bool {
+        let error = match (&self.target, &other.target) {
+            (None, _) => true,
+            (Some(_), None) => false,
+            (Some(have), Some(want)) => have.of == want.of && have.error <= want.error,
+        };
+        (self.isovalue.is_none() || self.isovalue == other.isovalue) && self.rays >= other.rays && error
+    }
+
+    fn order(&self, other: &Self) -> std::cmp::Ordering {
+        let isovalue = |b: &Self| b.isovalue.unwrap_or(f64::NEG_INFINITY);
+        let error = |b: &Self| b.target.as_ref().map_or(0.0, |t| t.error);
+        let of = |b: &Self| b.target.as_ref().map_or(String::new(), |t| t.of.clone());
+        let by_quality = self.rays.cmp(&other.rays).then(error(self).total_cmp(&error(other)));
+        isovalue(self).total_cmp(&isovalue(other)).then(by_quality).then_with(|| of(self).cmp(&of(other)))
+    }
+
+    fn to_json(&self) -> Value {
+        let (error, of) = self.target.as_ref().map(|t| (t.error, &t.of)).unzip();
+        json!({ "isovalue": self.isovalue, "rays": self.rays, "error": error, "error_of": of })
+    }
+
+    fn from_json(record: &Value) -> Option<Self> {
+        let optional = |value: &Value| match value {
+            Value::Null => Some(None),
+            number => number.as_f64().map(Some),
+        };
+        let target = match (optional(&record["error"])?, &record["error_of"]) {
+            (None, Value::Null) => None,
+            (Some(error), Value::String(of)) => Some(ErrorTarget { error, of: of.clone() }),
+            _ => return None,
+        };
+        let rays = record["rays"].as_u64()?.try_into().ok()?;
+        Some(Self { isovalue: optional(&record["isovalue"])?, rays, target })
+    }
+}
+
+/// All that is claimed of a chunk.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ChunkExtent {
+    // Invariant: ascending by isovalue (every isosurface first), rays, error; none covers another.
+    claims: Vec<Baked>,
+}
+
+impl ChunkExtent {
+    /// One claim.
+    pub fn new(isovalue: Option<f64>, rays: u32, target: Option<ErrorTarget>) -> Self {
+        Self { claims: vec![Baked { isovalue, rays, target }] }
+    }
+
+    /// The claims, ascending by isovalue, those for every isosurface first; none covers another.
+    pub fn claims(&self) -> &[Baked] {
+        &self.claims
+    }
+
+    /// Whether a claim follows from those made.
+    pub fn covers(&self, asked: &Baked) -> bool {
+        self.claims.iter().any(|have| have.covers(asked))
+    }
+
+    /// Adds a claim.
+    pub fn add(&mut self, claim: Baked) {
+        if self.covers(&claim) {
+            return;
+        }
+        self.claims.retain(|old| !claim.covers(old));
+        let place = self.claims.partition_point(|old| old.order(&claim).is_lt());
+        self.claims.insert(place, claim);
+    }
+
+    /// The claims as they stand in the record of a chunk.
+    pub(super) fn to_json(&self) -> Value {
+        self.claims.iter().map(Baked::to_json).collect()
+    }
+
+    /// Reads what [`Self::to_json`] wrote.
+    pub(super) fn from_json(record: &Value) -> Option<Self> {
+        let claims = record.as_array()?.iter().map(Baked::from_json);
+        let mut extent = Self::default();
+        claims.collect::<Option<Vec<_>>>()?.into_iter().for_each(|claim| extent.add(claim));
+        Some(extent)
+    }
+
+    pub(super) fn check(&self) -> Result<()> {
+        let numbers = self.claims.iter().flat_map(|c| c.isovalue.into_iter().chain(c.target.as_ref().map(|t| t.error)));
+        match numbers.into_iter().find(|v| !v.is_finite()) {
+            None => Ok(()),
+            Some(bad) => Err(Error::argument("extent", bad, "finite isovalues and error target", "check the options")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn claim(isovalue: Option<f64>, rays: u32, error: Option<f64>) -> Baked {
+        Baked { isovalue, rays, target: error.map(|error| ErrorTarget { error, of: "escape".into() }) }
+    }
+
+    #[test]
+    fn any_order_of_claims_gives_the_same_record() {
+        let claims = [
+            claim(Some(30.0), 16, None),
+            claim(Some(30.0), 64, None),
+            claim(Some(-2.5), 64, None),
+            claim(Some(60.0), 4096, Some(0.01)),
+            claim(Some(60.0), 4096, Some(0.02)),
+            claim(None, 16, None),
+        ];
+        let mut seen = Vec::new();
+        for turn in 0..claims.len() {
+            let mut extent = ChunkExtent::default();
+            (0..claims.len()).for_each(|i| extent.add(claims[(i * 5 + turn) % claims.len()].clone()));
+            assert!(claims.iter().all(|c| extent.covers(c)));
+            assert_eq!(ChunkExtent::from_json(&extent.to_json()), Some(extent.clone()));
+            seen.push(extent);
+        }
+        // 30 at 16 follows from 30 at 64, and 60 at 0.02 from 60 at 0.01.
+        assert_eq!(seen[0].claims().len(), 4);
+        assert!(seen.iter().all(|extent| *extent == seen[0]));
+    }
+
+    #[test]
+    fn a_claim_covers_less_rays_a_larger_error_and_one_isosurface_of_all() {
+        let all = claim(None, 64, None);
+        assert!(all.covers(&claim(Some(1.0), 64, None)) && all.covers(&claim(Some(1.0), 32, Some(0.1))));
+        assert!(!all.covers(&claim(None, 128, None)) && !claim(Some(1.0), 64, None).covers(&all));
+        let stopped = claim(Some(1.0), 64, Some(0.01));
+        assert!(stopped.covers(&claim(Some(1.0), 64, Some(0.02))) && !stopped.covers(&claim(Some(1.0), 16, None)));
+        let other = Baked { target: Some(ErrorTarget { error: 0.02, of: "a light".into() }), ..stopped.clone() };
+        assert!(!stopped.covers(&other) && !other.covers(&stopped));
+    }
+}

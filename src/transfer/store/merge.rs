@@ -1,0 +1,77 @@
+//! Putting together what was baked apart: the chunks of one store taken over into another of the same identity.
+
+use super::{ChunkExtent, Store};
+use crate::error::Result;
+use crate::transfer::{BRICK_TEXELS, Brick, Layers, validity};
+
+/// What a merge did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MergeReport {
+    /// Chunks that were new or changed.
+    pub taken: usize,
+    /// Chunks of the other store that brought nothing.
+    pub kept: usize,
+}
+
+impl Store {
+    /// Takes over every texel of `other` that is better than the one here: a baked one over none, one of more rays
+    /// over one of fewer. Claims of both hold afterwards. Shares of one bake give the same bytes in any order.
+    ///
+    /// # Errors
+    /// When the identities differ, a chunk of either is damaged, or the system refuses.
+    pub fn take_from(&self, other: &Self) -> Result<MergeReport> {
+        other.identity.check(&self.identity, other.path())?;
+        let [cx, cy, cz] = self.layout.lattice.chunks();
+        let mut report = MergeReport::default();
+        for c in 0..cx * cy * cz {
+            let chunk = [c % cx, c / cx % cy, c / cx / cy];
+            let Some((theirs, their_extent)) = other.read_chunk(chunk)? else { continue };
+            let Some((mut ours, mut extent)) = self.read_chunk(chunk)? else {
+                self.write_chunk(chunk, theirs, &their_extent)?;
+                report.taken += 1;
+                continue;
+            };
+            let before = extent.clone();
+            join(&mut extent, &their_extent);
+            let mut changed = extent != before;
+            for (slot, theirs) in ours.iter_mut().zip(theirs) {
+                changed |= better(slot, theirs, &self.layout.layers);
+            }
+            if changed {
+                self.write_chunk(chunk, ours, &extent)?;
+            }
+            report.taken += usize::from(changed);
+            report.kept += usize::from(!changed);
+        }
+        Ok(report)
+    }
+}
+
+fn join(extent: &mut ChunkExtent, other: &ChunkExtent) {
+    other.claims().iter().for_each(|claim| extent.add(claim.clone()));
+}
+
+/// Replaces the texels of a brick by better ones of another; whether there were any.
+fn better(ours: &mut Option<Brick>, theirs: Option<Brick>, layers: &Layers) -> bool {
+    let Some(theirs) = theirs else { return false };
+    let Some(ours) = ours else {
+        *ours = Some(theirs);
+        return true;
+    };
+    let (coefficients, errors) = (layers.coefficients(), layers.errors());
+    let baked = |brick: &Brick, t: usize| !brick.transfer[t * coefficients].is_nan();
+    let mut changed = false;
+    for t in 0..BRICK_TEXELS {
+        let is_new = baked(&theirs, t) && !baked(ours, t);
+        let is_finer = theirs.rays[t] > ours.rays[t] && theirs.validity[t] & validity::VALID != 0;
+        if !(is_new || is_finer) {
+            continue;
+        }
+        let (own, new) = (t * coefficients..(t + 1) * coefficients, t * errors..(t + 1) * errors);
+        ours.transfer[own.clone()].copy_from_slice(&theirs.transfer[own]);
+        ours.stderr[new.clone()].copy_from_slice(&theirs.stderr[new]);
+        (ours.validity[t], ours.rays[t]) = (theirs.validity[t], theirs.rays[t]);
+        changed = true;
+    }
+    changed
+}
