@@ -203,7 +203,8 @@ impl Job<'_> {
         if bricks.is_empty() {
             return Ok(LARGEST_ERROR as f32);
         }
-        let (mut error, mut count) = (0.1, 32);
+        // The cheapest first: what does not fit at all is found out soon.
+        let (mut error, mut count) = (LARGEST_ERROR, 8);
         // Error and time per texel of the trials so far.
         let mut seen: Vec<(f64, f64)> = Vec::new();
         for _ in 0..TRIALS {
@@ -221,8 +222,8 @@ impl Job<'_> {
                 )));
             }
             error = next;
-            let texels = (TRIAL * seconds / allowed).min(1e9);
-            count = ((texels / total * bricks.len() as f64) as usize).clamp(16, bricks.len().max(16));
+            let texels = TRIAL * seconds / allowed.max(per_texel);
+            count = ((texels / total * bricks.len() as f64).min(1e9) as usize).max(8);
         }
         Ok(two_digits(error))
     }
@@ -327,7 +328,7 @@ mod tests {
         // Time per texel: 16 paths at least, then error^-4/3.
         let time = |error: f64| 1e-6 * (32.0 + 0.02 * error.powf(-4.0 / 3.0));
         for allowed in [4e-5, 1e-4, 1e-3] {
-            let mut error = 0.1;
+            let mut error = LARGEST_ERROR;
             let mut seen = Vec::new();
             for _ in 0..TRIALS {
                 seen.push((error, time(error)));
