@@ -21,6 +21,7 @@ mod baking;
 mod bake;
 mod console;
 mod demo;
+mod doctor;
 mod env;
 mod info;
 mod input;
@@ -74,6 +75,7 @@ struct Common {
 enum Command {
     Demo(demo::Demo),
     Info(info::Info),
+    Doctor(doctor::Doctor),
     Plan(plan::Plan),
     Bake(bake::Bake),
     Relight(Box<relight::Relight>),
@@ -136,6 +138,7 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
     match &cli.command {
         Command::Demo(command) => command.run(seed, console),
         Command::Info(command) => command.run(console),
+        Command::Doctor(command) => command.run(console),
         Command::Plan(command) => command.run(seed, console),
         Command::Bake(command) => command.run(seed, console),
         Command::Relight(command) => command.run(seed, console),

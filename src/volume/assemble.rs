@@ -2,6 +2,7 @@
 //! that a volume holds, and exact rescaling of extreme ranges, each with a [`Note`].
 
 use super::decode::Data;
+use super::diagnose::REPLACED;
 use super::read::ReadHint;
 use super::{LengthUnit, Note, Samples, Solid, Volume};
 use crate::error::{Error, Result};
@@ -165,10 +166,7 @@ fn replace_non_finite<T: Copy + Into<f64>>(
             }
         }
         let value: f64 = value.into();
-        notes.push(note(
-            format!("NaN or infinite samples were replaced by the {which} finite one ({value:e}), the lit side"),
-            bad,
-        ));
+        notes.push(note(format!("{REPLACED} by the {which} finite one ({value:e}), the lit side"), bad));
     }
     Ok(Into::<f64>::into(low).abs().max(Into::<f64>::into(high).abs()))
 }

@@ -22,7 +22,7 @@ const MAP_ABOVE: u64 = 64 << 10;
 /// Longest metadata file that is read.
 const LONGEST_TEXT: usize = 64 << 20;
 /// How temporary files and directories of a store begin.
-const PARTIAL: &str = ".partial-";
+pub(super) const PARTIAL: &str = ".partial-";
 /// Starts of the entries of archives that [`pack`] makes are multiples of this: enough for every
 /// type a store holds, and a cache line.
 const ALIGNMENT: u16 = 64;

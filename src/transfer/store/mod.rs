@@ -33,6 +33,7 @@
 
 mod backing;
 mod chunk;
+pub mod diagnose;
 mod identity;
 mod lock;
 mod volume;
@@ -42,6 +43,7 @@ mod zarr;
 mod tests;
 
 pub use chunk::{ChunkExtent, Isovalues};
+pub use diagnose::{Diagnosis, diagnose};
 pub use identity::{FORMAT_VERSION, Identity};
 pub use lock::StoreLock;
 
