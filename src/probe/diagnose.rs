@@ -12,6 +12,8 @@
 //! | `aspect` | a lat-long image that is not 2:1 |
 //! | `upside down` | percent of the light that comes from below |
 
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
+
 use super::latlong::{angles_from_direction, luminance};
 use super::{Layout, Probe, report};
 use crate::finding::Finding;

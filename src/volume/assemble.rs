@@ -1,6 +1,8 @@
 //! From decoded samples to a [`Volume`]: axis order, non-finite samples, narrowing to the types
 //! that a volume holds, and exact rescaling of extreme ranges, each with a [`Note`].
 
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
+
 use super::decode::Data;
 use super::diagnose::REPLACED;
 use super::read::ReadHint;

@@ -11,6 +11,8 @@
 //! else, and a single pixel, is taken as lat-long, with a note. [`ReadOptions::layout`] overrides
 //! both ratio and attribute.
 
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
+
 mod layout;
 mod low_range;
 mod openexr;

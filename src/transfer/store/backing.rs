@@ -192,10 +192,11 @@ impl Backing {
         // Otherwise the file would stay readable for its owner alone. The umask still applies.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let file = builder.tempfile_in(parent).map_err(failed)?;
-        let mut out = BufWriter::with_capacity(64 << 10, file);
-        write(&mut out).map_err(failed)?;
-        let file = out.into_inner().map_err(|e| failed(e.into_error()))?;
+        let mut file = builder.tempfile_in(parent).map_err(failed)?;
+        // The file itself: errors of the wrapper would name the temporary path beside ours.
+        let mut out = BufWriter::with_capacity(64 << 10, file.as_file_mut());
+        write(&mut out).and_then(|()| out.flush()).map_err(failed)?;
+        drop(out);
         if sync {
             file.as_file().sync_all().map_err(failed)?;
         }

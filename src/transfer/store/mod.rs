@@ -31,6 +31,8 @@
 //! breaks their hash. Files are not synchronised with the disk by default
 //! ([`Store::set_sync`]): after a power cut a chunk may be lost, and is then found damaged.
 
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
+
 mod backing;
 mod chunk;
 pub mod diagnose;
@@ -114,7 +116,8 @@ impl Store {
         check_provenance(&provenance)?;
         let directory = backing::temporary_directory(path)?;
         let staging = Backing::Directory(directory.path().into());
-        write_skeleton(&staging, volume, identity, &layout, provenance)?;
+        write_skeleton(&staging, volume, identity, &layout, provenance)
+            .map_err(|e| renamed(e, directory.path(), path))?;
         std::fs::rename(directory.path(), path).map_err(|e| Error::io(path, "create the store", e))?;
         let _ = directory.keep(); // It has moved: nothing to remove.
         Self::open(path)
@@ -245,6 +248,17 @@ impl Store {
                 Err(Error::argument("store", self.path().display(), "a directory", "unpack the archive first"))
             }
         }
+    }
+}
+
+/// An error that names the place it would have had, not the temporary one.
+fn renamed(error: Error, temporary: &Path, target: &Path) -> Error {
+    match error {
+        Error::Io { path, doing, source } => {
+            let path = path.strip_prefix(temporary).map_or_else(|_| path.clone(), |inside| target.join(inside));
+            Error::Io { path, doing, source }
+        }
+        other => other,
     }
 }
 

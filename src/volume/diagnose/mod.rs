@@ -20,6 +20,8 @@
 //! | `isovalue on samples` | samples that equal the isovalue |
 //! | `open surface` | samples on the border of the grid that are solid |
 
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
+
 mod grid;
 mod samples;
 mod surface;

@@ -1,5 +1,7 @@
 //! One file for each format. Each turns a source into the parts of a volume.
 
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
+
 pub(crate) mod cube;
 pub(crate) mod mrc;
 pub(crate) mod nifti;
