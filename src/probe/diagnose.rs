@@ -13,6 +13,7 @@
 //! | `upside down` | percent of the light that comes from below |
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
 use super::latlong::{angles_from_direction, luminance};
 use super::{Layout, Probe, report};

@@ -135,7 +135,6 @@ pub fn tiff() -> Vec<Seed> {
                 encoder.write_image::<colortype::Gray8>(4, 2, &[page; 8]).expect("memory");
             }
         }
-        drop(encoder);
         bytes.into_inner()
     };
     vec![

@@ -12,6 +12,8 @@
 //! | `leftovers` | files of a run that was killed |
 //! | `locked` | a lock file |
 
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
+
 use super::backing::Backing;
 use super::chunk::examine::{ChunkState, Texels};
 use super::{ChunkExtent, Isovalues, Store};

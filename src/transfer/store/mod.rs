@@ -30,6 +30,11 @@
 //! `consolidated_metadata`, a courtesy to other readers. The attributes are ours: who adds some
 //! breaks their hash. Files are not synchronised with the disk by default
 //! ([`Store::set_sync`]): after a power cut a chunk may be lost, and is then found damaged.
+//!
+//! # Panics
+//! None, on any bytes (`tests/fuzz.rs`). `unwrap` and `expect` are denied. Indexing is not: indices are axes,
+//! slots of a chunk, JSON fields (which read as null when absent), or ranges of a file whose length was compared
+//! a step before.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 

@@ -1,5 +1,7 @@
 //! What the samples are like, wherever they lie.
 
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
+
 use super::super::{Sample, Samples, Volume, with_samples};
 use crate::finding::Finding;
 use std::collections::HashMap;

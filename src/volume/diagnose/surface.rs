@@ -1,5 +1,7 @@
 //! How one isosurface lies in the samples.
 
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
+
 use super::super::{Sample, Solid, Volume, with_samples};
 use crate::finding::Finding;
 

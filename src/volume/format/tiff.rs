@@ -2,6 +2,8 @@
 //! y = 0 (the image's top). Pages are decoded by the `tiff` crate. Spacing is read where ImageJ
 //! wrote it; plain resolution tags are mostly 72 dpi by habit and are ignored.
 
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
+
 use super::super::assemble::{Parts, assemble, note};
 use super::super::decode::{Data, checked_count};
 use super::super::read::ReadHint;
