@@ -1,7 +1,7 @@
 //! What is unusual about an input, how much of it, and what this program does about it: the
 //! common currency of the diagnoses of volumes ([`crate::volume::diagnose`],
-//! [`crate::level::diagnose`]), probes ([`crate::probe::diagnose`]) and stores
-//! ([`crate::transfer::store::diagnose`]). A finding is not an error: the input can be used.
+//! [`crate::level::diagnose`]), probes ([`mod@crate::probe::diagnose`]) and stores
+//! ([`mod@crate::transfer::store::diagnose`]). A finding is not an error: the input can be used.
 
 use serde::Serialize;
 
