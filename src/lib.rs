@@ -48,6 +48,7 @@
 //! | module | holds | knows nothing of |
 //! |---|---|---|
 //! | [`error`] | the one error type; errors are values | everything else |
+//! | [`finding`] | what a diagnosis found, how often, what is done about it | everything else |
 //! | [`geom`] | directions, normals as covectors, frames, boxes, affine maps | everything else |
 //! | [`sampling`] | numbers by their index, Owen-Sobol points, warps in threes, statistics, `DirectionalSource` | volumes, SH, threads, the clock |
 //! | [`sh`] | basis, coefficients, projection, rotation, windows | colour, images, volumes |
@@ -75,6 +76,7 @@
 //! under sixty lines.
 
 pub mod error;
+pub mod finding;
 pub mod geom;
 pub mod sampling;
 pub mod sh;

@@ -6,11 +6,10 @@ use super::isovalue::{Isovalue, overview};
 use super::{Outcome, baking, input, options, text};
 use crate::geom::Up;
 use crate::relight::texels_of_isosurface;
-use crate::transfer::store::Store;
+use crate::transfer::store::{Holdings, Store};
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, Selection};
 use crate::volume::{LengthUnit, Solid, Volume};
 use serde_json::json;
-use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Show what is in a volume or a transfer store
@@ -178,70 +177,32 @@ pub(super) fn is_store(argument: &str) -> bool {
     path.is_dir() || (path.is_file() && argument.ends_with(".isolume")) || argument.ends_with(".isolume.zip")
 }
 
-/// What a store holds, from the records of its chunks.
-pub(super) struct Holdings {
-    pub(super) chunks: usize,
-    /// Whether some chunk was baked for all isosurfaces.
-    pub(super) all: bool,
-    /// Other isovalues, ascending.
-    pub(super) isovalues: Vec<f64>,
-    /// Fewest and most rays of any claim; the most that a texel gets where texels stop at an error.
-    pub(super) rays: (u32, u32),
-    /// Each way in which texels stop before that, with the smallest and the largest error.
-    pub(super) targets: BTreeMap<String, (f64, f64)>,
+/// The isovalues of a store as text.
+pub(super) fn isovalues_text(held: &Holdings) -> String {
+    let list = held.isovalues.iter().map(|c| text::number(*c, 8)).collect::<Vec<_>>().join(", ");
+    match (held.all, list.is_empty()) {
+        (true, true) => "all".into(),
+        (true, false) => format!("all, and more of {list}"),
+        (false, true) => "none".into(),
+        (false, false) => list,
+    }
 }
 
-impl Holdings {
-    pub(super) fn of(store: &Store) -> crate::Result<Self> {
-        let [cx, cy, cz] = store.layout().lattice.chunks();
-        let mut held =
-            Self { chunks: 0, all: false, isovalues: Vec::new(), rays: (u32::MAX, 0), targets: BTreeMap::new() };
-        for i in 0..cx * cy * cz {
-            let Some(extent) = store.chunk_extent([i % cx, i / cx % cy, i / cx / cy])? else { continue };
-            held.chunks += 1;
-            for claim in extent.claims() {
-                held.rays = (held.rays.0.min(claim.rays), held.rays.1.max(claim.rays));
-                held.all |= claim.isovalue.is_none();
-                held.isovalues.extend(claim.isovalue);
-                if let Some(target) = &claim.target {
-                    let range = held.targets.entry(target.of.clone()).or_insert((target.error, target.error));
-                    *range = (range.0.min(target.error), range.1.max(target.error));
-                }
-            }
-            held.isovalues.sort_by(f64::total_cmp);
-            held.isovalues.dedup();
-        }
-        held.rays.0 = held.rays.0.min(held.rays.1);
-        Ok(held)
+/// How well the texels of a store are baked.
+pub(super) fn quality_text(held: &Holdings) -> String {
+    let [least, most] = held.rays;
+    let rays = if least == most { most.to_string() } else { format!("{least} to {most}") };
+    let mut parts = vec![format!("{rays} rays a texel")];
+    for (of, [low, high]) in &held.targets {
+        let errors = if low == high { format!("{low}") } else { format!("{low} to {high}") };
+        parts.push(format!("or a standard error of {errors} ({of})"));
     }
-
-    /// The isovalues as text.
-    pub(super) fn isovalues_text(&self) -> String {
-        let list = self.isovalues.iter().map(|c| text::number(*c, 8)).collect::<Vec<_>>().join(", ");
-        match (self.all, list.is_empty()) {
-            (true, true) => "all".into(),
-            (true, false) => format!("all, and more of {list}"),
-            (false, true) => "none".into(),
-            (false, false) => list,
-        }
-    }
-
-    /// How well the texels are baked.
-    fn quality_text(&self) -> String {
-        let (least, most) = self.rays;
-        let rays = if least == most { most.to_string() } else { format!("{least} to {most}") };
-        let mut parts = vec![format!("{rays} rays a texel")];
-        for (of, (low, high)) in &self.targets {
-            let errors = if low == high { format!("{low}") } else { format!("{low} to {high}") };
-            parts.push(format!("or a standard error of {errors} ({of})"));
-        }
-        parts.join(", ")
-    }
+    parts.join(", ")
 }
 
 fn store(argument: &str, console: &Console) -> Outcome {
     let store = Store::open(argument)?;
-    let held = Holdings::of(&store)?;
+    let held = store.holdings()?;
     let identity = store.identity();
     let volume = store.volume()?;
     let m = identity.texels;
@@ -251,10 +212,10 @@ fn store(argument: &str, console: &Console) -> Outcome {
     rows.push(row("layers", format!("{} with {:?} bands", identity.bands.len(), identity.bands)));
     let sign = if identity.positive { ", positive" } else { "" };
     rows.push(row("estimator", format!("{}{sign}, seed {}", identity.estimator, identity.seed)));
-    rows.push(row("isovalues", held.isovalues_text()));
+    rows.push(row("isovalues", isovalues_text(&held)));
     let all: usize = store.layout().lattice.chunks().iter().product();
     rows.push(row("baked", format!("{} of {all} chunks, {}", held.chunks, text::bytes(bytes as f64))));
-    rows.push(row("quality", held.quality_text()));
+    rows.push(row("quality", quality_text(&held)));
     console.print(text::table(&rows));
     let isovalues = if held.all { json!("all") } else { json!(held.isovalues) };
     console.print_json(&json!({

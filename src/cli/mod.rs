@@ -21,6 +21,7 @@ mod baking;
 mod bake;
 mod console;
 mod demo;
+mod doctor;
 mod env;
 mod info;
 mod input;
@@ -75,6 +76,7 @@ struct Common {
 enum Command {
     Demo(demo::Demo),
     Info(info::Info),
+    Doctor(doctor::Doctor),
     Plan(plan::Plan),
     Bake(Box<bake::Bake>),
     Merge(merge::Merge),
@@ -138,6 +140,7 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
     match &cli.command {
         Command::Demo(command) => command.run(seed, console),
         Command::Info(command) => command.run(console),
+        Command::Doctor(command) => command.run(console),
         Command::Plan(command) => command.run(seed, console),
         Command::Bake(command) => command.run(seed, console),
         Command::Merge(command) => command.run(console),

@@ -251,7 +251,7 @@ impl Relight {
             let given = format!("{side:?}").to_lowercase();
             return Err(Error::argument("--solid", given, expected, "bake the volume again with this --solid").into());
         }
-        let held = info::Holdings::of(store)?;
+        let held = store.holdings()?;
         let only = held.isovalues.first().copied().filter(|_| !held.all && self.isovalue.contains(&Isovalue::Auto));
         let resolve = |i: &Isovalue| match (i, only) {
             (Isovalue::Auto, Some(value)) => Ok(Chosen { value, reason: Some("the store holds it".into()) }),
@@ -542,7 +542,7 @@ impl Context<'_> {
 
     /// The error for a surface whose texels the store does not have.
     fn unbaked(&self, isovalue: f64, report: &LookupReport) -> Failure {
-        let held = info::Holdings::of(self.store).map_or("unknown".into(), |h| h.isovalues_text());
+        let held = self.store.holdings().map_or("unknown".into(), |h| info::isovalues_text(&h));
         let value = text::number(isovalue, 8);
         let source = self.store.provenance()["input"].as_str().unwrap_or("VOLUME").to_string();
         Failure::Message(format!(

@@ -17,6 +17,7 @@
 //! coordinate in [0, 1]³, so that precision does not fall with the size of the grid.
 
 pub mod cell;
+pub mod diagnose;
 mod gradient;
 mod march;
 mod pyramid;

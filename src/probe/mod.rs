@@ -9,13 +9,14 @@
 //! * [`fn@project`], [`into_world`]: coefficients in the order and sign of [`crate::sh`].
 //! * [`EnvironmentSource`]: importance sampling.
 //! * [`fn@split_sun`]: the dominant lobe apart from the rest.
-//! * [`fn@report`]: the figures behind `env show`.
+//! * [`fn@report`]: the figures behind `env show`. [`mod@diagnose`]: what is unusual.
 //!
 //! # Frame
 //! The environment lives in the Y-up frame of glTF, the *probe frame*. [`Orientation`] is the
 //! one way from and to world axes. Coefficients come in the probe frame from
 //! [`Probe::coefficients`] and in world axes from [`Probe::coefficients_in_world`].
 
+pub mod diagnose;
 pub mod embedded;
 pub mod latlong;
 pub mod orientation;
@@ -26,6 +27,7 @@ pub mod sky;
 pub mod source;
 pub mod sun;
 
+pub use diagnose::diagnose;
 pub use embedded::{EMBEDDED, embedded};
 pub use latlong::LatLong;
 pub use orientation::Orientation;

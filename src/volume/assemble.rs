@@ -1,7 +1,10 @@
 //! From decoded samples to a [`Volume`]: axis order, non-finite samples, narrowing to the types
 //! that a volume holds, and exact rescaling of extreme ranges, each with a [`Note`].
 
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
+
 use super::decode::Data;
+use super::diagnose::REPLACED;
 use super::read::ReadHint;
 use super::{LengthUnit, Note, Samples, Solid, Volume};
 use crate::error::{Error, Result};
@@ -165,10 +168,7 @@ fn replace_non_finite<T: Copy + Into<f64>>(
             }
         }
         let value: f64 = value.into();
-        notes.push(note(
-            format!("NaN or infinite samples were replaced by the {which} finite one ({value:e}), the lit side"),
-            bad,
-        ));
+        notes.push(note(format!("{REPLACED} by the {which} finite one ({value:e}), the lit side"), bad));
     }
     Ok(Into::<f64>::into(low).abs().max(Into::<f64>::into(high).abs()))
 }

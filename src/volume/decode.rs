@@ -1,6 +1,8 @@
 //! Samples as files store them: binary in either byte order or text, eleven types. Memory grows
 //! with the bytes that really arrive, never with what a header claims.
 
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
+
 use super::read::ReadHint;
 use super::source::Source;
 use crate::error::{Error, Result};

@@ -14,6 +14,7 @@
 
 mod assemble;
 mod decode;
+pub mod diagnose;
 pub mod field;
 mod format;
 pub mod open;

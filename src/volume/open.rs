@@ -1,6 +1,8 @@
 //! The only place of this module that opens files. Data files that a header names (NRRD `data
 //! file:`, NIfTI pairs, raw sidecars) are looked up relative to the header.
 
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
+
 use super::Volume;
 use super::format::tiff;
 use super::read::{Format, ReadHint, detect, read_with};

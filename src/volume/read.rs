@@ -17,6 +17,8 @@
 //! | NumPy .npy | three axes [z, y, x], either memory order | bool, complex, structures |
 //! | raw | with a JSON sidecar | |
 
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
+
 use super::format::{cube, mrc, nifti, npy, nrrd, raw, tiff, vtk};
 use super::source::Source;
 use super::{Solid, Volume};

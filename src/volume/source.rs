@@ -1,6 +1,8 @@
 //! A byte source with look-ahead, lines and tokens, that never grows beyond what it is asked for.
 //! Every reader of this module works on it. Knows nothing of formats.
 
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
+
 use crate::error::{Error, Result};
 use flate2::bufread::MultiGzDecoder;
 use std::io::{self, BufRead, Read};

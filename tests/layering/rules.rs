@@ -14,7 +14,8 @@ const fn layer(module: &'static str, knows_nothing_of: &'static [&'static str]) 
 /// The table of modules.
 pub const LAYERS: &[Layer] = &[
     layer("error", &[]),
-    layer("geom", &["error"]),
+    layer("finding", &["error"]),
+    layer("geom", &["error", "finding"]),
     layer("sampling", &[]),
     layer("sh", &[]),
     layer("volume", &["sh"]),

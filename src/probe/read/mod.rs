@@ -10,6 +10,12 @@
 //! Side ratio: 2:1 lat-long, 1:1 angular map, 3:4 vertical cross, 4:3 horizontal cross; anything
 //! else, and a single pixel, is taken as lat-long, with a note. [`ReadOptions::layout`] overrides
 //! both ratio and attribute.
+//!
+//! # Panics
+//! None, on any bytes (`tests/fuzz.rs`). `unwrap` and `expect` are denied. Indexing is not: indices are channels,
+//! values of 16 bits into a table of 2¹⁶, or pixels of a buffer made for that very size.
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
 mod layout;
 mod low_range;

@@ -22,7 +22,7 @@ const MAP_ABOVE: u64 = 64 << 10;
 /// Longest metadata file that is read.
 const LONGEST_TEXT: usize = 64 << 20;
 /// How temporary files and directories of a store begin.
-const PARTIAL: &str = ".partial-";
+pub(super) const PARTIAL: &str = ".partial-";
 /// Starts of the entries of archives that [`pack`] makes are multiples of this: enough for every
 /// type a store holds, and a cache line.
 const ALIGNMENT: u16 = 64;
@@ -192,10 +192,11 @@ impl Backing {
         // Otherwise the file would stay readable for its owner alone. The umask still applies.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let file = builder.tempfile_in(parent).map_err(failed)?;
-        let mut out = BufWriter::with_capacity(64 << 10, file);
-        write(&mut out).map_err(failed)?;
-        let file = out.into_inner().map_err(|e| failed(e.into_error()))?;
+        let mut file = builder.tempfile_in(parent).map_err(failed)?;
+        // The file itself: errors of the wrapper would name the temporary path beside ours.
+        let mut out = BufWriter::with_capacity(64 << 10, file.as_file_mut());
+        write(&mut out).and_then(|()| out.flush()).map_err(failed)?;
+        drop(out);
         if sync {
             file.as_file().sync_all().map_err(failed)?;
         }

@@ -13,6 +13,8 @@
 //! treat a torn chunk as not baked and write it again; readers, after a few more tries in case
 //! somebody is renaming at this moment, report it.
 
+pub(super) mod examine;
+
 use super::super::texture::{check_brick, check_index};
 use super::super::{BRICK_TEXELS, Brick, BrickSource, BrickView, Layers, Layout};
 use super::backing::{Backing, Bytes, Staged};

@@ -31,10 +31,19 @@
 //! `consolidated_metadata`, a courtesy to other readers. The attributes are ours: who adds some
 //! breaks their hash. Files are not synchronised with the disk by default
 //! ([`Store::set_sync`]): after a power cut a chunk may be lost, and is then found damaged.
+//!
+//! # Panics
+//! None, on any bytes (`tests/fuzz.rs`). `unwrap` and `expect` are denied. Indexing is not: indices are axes,
+//! slots of a chunk, JSON fields (which read as null when absent), or ranges of a file whose length was compared
+//! a step before.
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
 mod backing;
 mod chunk;
+pub mod diagnose;
 mod extent;
+mod holdings;
 mod identity;
 mod lock;
 mod merge;
@@ -44,7 +53,9 @@ mod zarr;
 #[cfg(test)]
 mod tests;
 
+pub use diagnose::{Diagnosis, diagnose};
 pub use extent::{Baked, ChunkExtent, ErrorTarget};
+pub use holdings::Holdings;
 pub use identity::{FORMAT_VERSION, Identity};
 pub use lock::StoreLock;
 pub use merge::MergeReport;
@@ -116,7 +127,8 @@ impl Store {
         check_provenance(&provenance)?;
         let directory = backing::temporary_directory(path)?;
         let staging = Backing::Directory(directory.path().into());
-        write_skeleton(&staging, volume, identity, &layout, provenance)?;
+        write_skeleton(&staging, volume, identity, &layout, provenance)
+            .map_err(|e| renamed(e, directory.path(), path))?;
         std::fs::rename(directory.path(), path).map_err(|e| Error::io(path, "create the store", e))?;
         let _ = directory.keep(); // It has moved: nothing to remove.
         Self::open(path)
@@ -280,6 +292,17 @@ impl Store {
         let Some(sealed) = self.backing.json(&key)? else { return Ok(None) };
         let mut record = unsealed(&json!({ "attributes": sealed })).map_err(|e| e.in_file(self.backing.name(&key)))?;
         Ok(Some(record["record"].take()))
+    }
+}
+
+/// An error that names the place it would have had, not the temporary one.
+fn renamed(error: Error, temporary: &Path, target: &Path) -> Error {
+    match error {
+        Error::Io { path, doing, source } => {
+            let path = path.strip_prefix(temporary).map_or_else(|_| path.clone(), |inside| target.join(inside));
+            Error::Io { path, doing, source }
+        }
+        other => other,
     }
 }
 

@@ -5,6 +5,8 @@
 //!
 //! World: as written, in bohr; in ångström where the counts are negative.
 
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
+
 use super::super::assemble::{Parts, assemble, note, permute};
 use super::super::decode::{self, Type, checked_count};
 use super::super::read::ReadHint;

@@ -1,4 +1,12 @@
 //! One file for each format. Each turns a source into the parts of a volume.
+//!
+//! # Panics
+//! None, on any bytes (`tests/fuzz.rs`). `unwrap` and `expect` are denied in all readers. Indexing is denied
+//! where places are computed from the file: cube, VTK, TIFF, raw. In NIfTI, MRC, NRRD and NumPy it stays:
+//! indices there are axes, 0 to 2, or fixed offsets into headers of a fixed length, and the formula reads
+//! like the format's definition.
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
 pub(crate) mod cube;
 pub(crate) mod mrc;

@@ -4,6 +4,8 @@
 //! `dims`, `type` and `data` must be there; the values above are the defaults of the others.
 //! Keys that are not known are errors. x runs fastest. The data file may be gzipped.
 
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
+
 use super::super::assemble::{Parts, assemble};
 use super::super::decode::{self, Endian, Type, checked_count};
 use super::super::read::{OpenBeside, ReadHint};

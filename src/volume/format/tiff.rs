@@ -2,6 +2,8 @@
 //! y = 0 (the image's top). Pages are decoded by the `tiff` crate. Spacing is read where ImageJ
 //! wrote it; plain resolution tags are mostly 72 dpi by habit and are ignored.
 
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
+
 use super::super::assemble::{Parts, assemble, note};
 use super::super::decode::{Data, checked_count};
 use super::super::read::ReadHint;
@@ -13,7 +15,7 @@ use ::tiff::decoder::{Decoder, DecodingResult, Limits};
 use ::tiff::tags::Tag;
 use ::tiff::{ColorType, TiffError};
 use glam::{DMat3, DVec3};
-use std::io::{Cursor, Read, Seek};
+use std::io::{Cursor, Read, Seek, SeekFrom};
 
 const NAME: &str = "TIFF";
 /// No supported compression expands by more: deflate reaches 1032, LZW and fax less in practice.
@@ -57,8 +59,74 @@ pub(crate) fn read_stream(source: Source, hint: &ReadHint) -> Result<Volume> {
     read(Cursor::new(bytes), length, hint)
 }
 
+/// Refuses a first directory with entries longer than the file. The decoder takes limits only after it
+/// has read that directory, with limits of its own of 256 MiB: a file of 600 bytes could claim as much.
+fn check_first_directory(source: &mut (impl Read + Seek), length: u64) -> std::io::Result<Result<()>> {
+    source.rewind()?;
+    let mut head = [0; 8];
+    source.read_exact(&mut head)?;
+    let [a, b, c, d, e, f, g, h] = head;
+    let big_endian = [a, b] == *b"MM";
+    let number = |bytes: &[u8]| {
+        let fold = |n: u64, byte: &u8| n << 8 | u64::from(*byte);
+        if big_endian { bytes.iter().fold(0, fold) } else { bytes.iter().rev().fold(0, fold) }
+    };
+    // In BigTIFF offsets and counts have 8 bytes, and an entry 20.
+    let big = number(&[c, d]) == 43;
+    let (mut eight, mut two) = ([0; 8], [0; 2]);
+    let offset = if big {
+        source.read_exact(&mut eight)?;
+        number(&eight)
+    } else {
+        number(&[e, f, g, h])
+    };
+    source.seek(SeekFrom::Start(offset))?;
+    let entries = if big {
+        source.read_exact(&mut eight)?;
+        number(&eight)
+    } else {
+        source.read_exact(&mut two)?;
+        number(&two)
+    };
+    for _ in 0..entries {
+        // Tag, type, count, value or offset.
+        let [mut kind, mut four] = [[0; 4]; 2];
+        source.read_exact(&mut kind)?;
+        let [_, _, k0, k1] = kind;
+        let count = if big {
+            source.read_exact(&mut eight)?;
+            let count = number(&eight);
+            source.read_exact(&mut eight)?;
+            count
+        } else {
+            source.read_exact(&mut four)?;
+            let count = number(&four);
+            source.read_exact(&mut four)?;
+            count
+        };
+        let size = match number(&[k0, k1]) {
+            3 | 8 => 2,
+            4 | 9 | 11 | 13 => 4,
+            5 | 10 | 12 | 16..=18 => 8,
+            _ => 1,
+        };
+        if count.saturating_mul(size) > length {
+            return Ok(Err(Error::format(
+                NAME,
+                format!("an entry of {count} values of {size} bytes in the first directory"),
+                format!("no more than the {length} bytes of the file"),
+                "the file is incomplete or damaged; copy or download it again",
+            )));
+        }
+    }
+    Ok(Ok(()))
+}
+
 /// Reads from something that can seek.
-pub(crate) fn read(source: impl Read + Seek, length: u64, hint: &ReadHint) -> Result<Volume> {
+pub(crate) fn read(mut source: impl Read + Seek, length: u64, hint: &ReadHint) -> Result<Volume> {
+    // A directory that cannot be read through is the decoder's to name.
+    check_first_directory(&mut source, length).unwrap_or(Ok(()))?;
+    source.rewind().map_err(|e| Error::from_read(NAME, "the first bytes", e))?;
     let most = length.saturating_mul(MOST_EXPANSION).min(hint.max_bytes);
     let mut limits = Limits::default();
     limits.decoding_buffer_size = usize::try_from(most).unwrap_or(usize::MAX);

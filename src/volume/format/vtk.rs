@@ -2,6 +2,8 @@
 //! panics or fails on ordinary files. BINARY samples are big-endian. World: spacing and origin as
 //! written, unit unknown.
 
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
+
 use super::super::assemble::{Parts, assemble, note};
 use super::super::decode::{self, Data, Endian, Type, checked_count};
 use super::super::read::ReadHint;

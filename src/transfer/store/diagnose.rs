@@ -1,0 +1,207 @@
+//! What is wrong or unusual in a store, every checksum verified. Damage is a finding here and an
+//! error elsewhere: a bake or a relight refuses the file that is damaged, this counts them all.
+//!
+//! | topic | what is counted |
+//! |---|---|
+//! | `damaged volume` | the copy of the volume that cannot be read |
+//! | `damaged chunks`, `torn chunks` | chunks with wrong checksums; chunks of two writings |
+//! | `nothing baked`, `holes`, `missing bricks` | chunks and bricks that a lookup needs and are not there |
+//! | `uneven` | chunks baked otherwise than most |
+//! | `not finite` | texels with transfer that is not finite |
+//! | `invalid texels`, `clamped texels` | texels without a level set; with one that was moved |
+//! | `leftovers` | files of a run that was killed |
+//! | `locked` | a lock file |
+
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
+
+use super::backing::Backing;
+use super::chunk::examine::{ChunkState, Texels};
+use super::{Baked, ChunkExtent, Holdings, Store};
+use crate::error::{Error, Result};
+use crate::finding::Finding;
+use crate::transfer::Selection;
+use crate::volume::Volume;
+use std::path::Path;
+
+/// Names of damaged files that one finding lists.
+const MOST_NAMED: usize = 8;
+/// Share of clamped texels worth a word; a store of all isosurfaces has more than one surface.
+const MANY_CLAMPED: f64 = 0.25;
+
+/// The state of a store.
+#[derive(Clone, Debug)]
+pub struct Diagnosis {
+    /// Chunks of the lattice.
+    pub chunks: u64,
+    /// Chunks that are there and sound.
+    pub sound: u64,
+    /// Bricks in these.
+    pub bricks: u64,
+    /// What the chunks say they hold.
+    pub held: Holdings,
+    /// What is unusual.
+    pub findings: Vec<Finding>,
+}
+
+/// Reads all of a store. `selection` gives the texels that lookups on some isovalues of a volume read;
+/// it decides what counts as a hole.
+///
+/// # Errors
+/// When the system refuses to read a file; damage is a finding.
+pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selection) -> Result<Diagnosis> {
+    let mut findings = Vec::new();
+    let volume = match store.volume() {
+        Ok(volume) => Some(volume),
+        Err(error @ (Error::Format { .. } | Error::Argument { .. })) => {
+            let handled = "relight and bake refuse this store: restore the file from a copy, or bake again";
+            findings.push(Finding::new("damaged volume", (1, 1, "volumes"), error.to_string(), handled));
+            None
+        }
+        Err(other) => return Err(other),
+    };
+    let [cx, cy, cz] = store.layout.lattice.chunks();
+    let indices = || (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]);
+    // The extents first: only all together do they say what should be there.
+    let extents: Vec<ChunkExtent> = indices().filter_map(|i| store.chunk_extent(i).ok().flatten()).collect();
+    let held = Holdings::of(&extents);
+    let selected = match &volume {
+        Some(volume) if held.chunks > 0 => selection(volume, &held),
+        _ => Selection::empty(store.layout.lattice),
+    };
+    let (mut sound, mut texels) = (0, Texels::default());
+    let (mut holes, mut torn, mut damaged, mut places) = (0, Vec::new(), 0, Vec::new());
+    for index in indices() {
+        match store.examine_chunk(index, &selected)? {
+            ChunkState::Absent => holes += u64::from(selected.touches_chunk(index)),
+            ChunkState::Torn(name) => torn.push(name.display().to_string()),
+            ChunkState::Damaged(errors) => {
+                damaged += 1;
+                places.extend(errors.into_iter().map(|e| e.to_string()));
+            }
+            ChunkState::Whole(found) => {
+                sound += 1;
+                texels.add(&found);
+            }
+        }
+    }
+    let chunks = (cx * cy * cz) as u64;
+    if damaged > 0 {
+        let handled = "relight and bake refuse such a chunk by name; the others stay usable, and a bake redoes only \
+                       what was deleted";
+        findings.push(Finding::new("damaged chunks", (damaged, chunks, "chunks"), listed(&places), handled));
+    }
+    if !torn.is_empty() {
+        let handled = "a run was killed between two renames. The next bake takes such a chunk for not baked and \
+                       writes it again; relight refuses it";
+        findings.push(Finding::new("torn chunks", (torn.len() as u64, chunks, "chunks"), listed(&torn), handled));
+    }
+    if extents.is_empty() && damaged == 0 && torn.is_empty() {
+        let handled = "relight finds no transfer; bake with the same options to fill it";
+        findings.push(Finding::new("nothing baked", (0, chunks, "chunks"), "no chunk is there", handled));
+    }
+    if holes > 0 {
+        let handled = "vertices there cannot be lit, and relight counts them. Bake again with the same options: \
+                       what is there is kept";
+        findings.push(Finding::new(
+            "holes",
+            (holes, chunks, "chunks"),
+            "chunks a lookup needs were not baked",
+            handled,
+        ));
+    }
+    findings.extend(texel_findings(&texels));
+    findings.extend(uneven(&extents));
+    findings.extend(leftovers(store));
+    Ok(Diagnosis { chunks, sound, bricks: texels.bricks, held, findings })
+}
+
+/// The first few of many lines.
+fn listed(lines: &[String]) -> String {
+    let mut text = lines.iter().take(MOST_NAMED).cloned().collect::<Vec<_>>().join("\n");
+    if lines.len() > MOST_NAMED {
+        text.push_str(&format!("\nand {} more", lines.len() - MOST_NAMED));
+    }
+    text
+}
+
+fn texel_findings(texels: &Texels) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let Texels { bricks, bricks_absent, selected, invalid, clamped, not_finite } = *texels;
+    if bricks_absent > 0 {
+        let handled = "vertices there cannot be lit, and relight counts them. Bake again with the same options";
+        let count = (bricks_absent, bricks + bricks_absent, "bricks");
+        found.push(Finding::new("missing bricks", count, "bricks a lookup needs are not in their chunk", handled));
+    }
+    if not_finite > 0 {
+        let text = "valid texels with transfer that is NaN or infinite";
+        let handled = "this is a bug of the bake that wrote them: please report it with the store's provenance";
+        found.push(Finding::new("not finite", (not_finite, selected, "texels"), text, handled));
+    }
+    if invalid > 0 {
+        let text = "texels without a level set: the neighbourhood is flat";
+        let handled = "a lookup gives their weights to the valid ones of the eight around it, then to those of the \
+                       surrounding 4³; relight counts such lookups";
+        found.push(Finding::new("invalid texels", (invalid, selected, "texels"), text, handled));
+    }
+    if clamped as f64 > MANY_CLAMPED * selected as f64 {
+        let text = "texels near the end of the range of their 3³ neighbours: edges as sharp as the voxels, or noise";
+        let handled = "they were baked for an isovalue clamped to the inner 60 % of that range";
+        found.push(Finding::new("clamped texels", (clamped, selected, "texels"), text, handled));
+    }
+    found
+}
+
+/// Chunks in which some isosurface was baked otherwise than in most chunks that it crosses.
+fn uneven(extents: &[ChunkExtent]) -> Option<Finding> {
+    let mut kinds: Vec<(&Baked, u64)> = Vec::new();
+    for claim in extents.iter().flat_map(ChunkExtent::claims) {
+        match kinds.iter_mut().find(|(known, _)| *known == claim) {
+            Some((_, n)) => *n += 1,
+            None => kinds.push((claim, 1)),
+        }
+    }
+    let mut other = 0;
+    for (claim, n) in &kinds {
+        other += u64::from(kinds.iter().any(|(c, m)| c.isovalue == claim.isovalue && m > n)) * n;
+    }
+    (other > 0).then(|| {
+        let rays = Holdings::of(extents).rays;
+        let text =
+            format!("isosurfaces with {} to {} rays, or other error targets, from chunk to chunk", rays[0], rays[1]);
+        let handled = "each chunk says how far it was baked, and lookups mix them: noise and coverage differ from \
+                       place to place. One bake with the options wanted brings the rest up to it";
+        Finding::new("uneven", (other, extents.len() as u64, "chunks"), text, handled)
+    })
+}
+
+/// What a killed run left.
+fn leftovers(store: &Store) -> Vec<Finding> {
+    let Backing::Directory(root) = &store.backing else { return Vec::new() };
+    let mut found = Vec::new();
+    let mut partial = 0;
+    count_partial(root, &mut partial);
+    if partial > 0 {
+        let handled = "they are not part of the store and no reader looks at them; the next bake of the same chunk \
+                       removes them";
+        let text = format!("files named {}…: a run was killed while it wrote", super::backing::PARTIAL);
+        found.push(Finding::new("leftovers", (partial, 0, "files"), text, handled));
+    }
+    if let Ok(holder) = std::fs::read_to_string(root.join(".lock")) {
+        let handled = "the lock is the system's, not the file: a bake that was killed holds it no more, and the next \
+                       one starts all the same";
+        let text = format!("a lock file of {}", holder.lines().next().unwrap_or("nobody").trim());
+        found.push(Finding::new("locked", (1, 0, "files"), text, handled));
+    }
+    found
+}
+
+fn count_partial(directory: &Path, count: &mut u64) {
+    // What cannot be listed is found when it is read.
+    for entry in std::fs::read_dir(directory).into_iter().flatten().flatten() {
+        if entry.file_name().to_string_lossy().starts_with(super::backing::PARTIAL) {
+            *count += 1;
+        } else if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+            count_partial(&entry.path(), count);
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! What all chunks of a store hold together.
+
+use super::{ChunkExtent, Store};
+use crate::error::Result;
+use std::collections::BTreeMap;
+
+/// The claims of all chunks in one view.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Holdings {
+    /// Chunks that are there.
+    pub chunks: usize,
+    /// Whether some chunk was baked for every isosurface.
+    pub all: bool,
+    /// Isovalues that were asked for one by one, ascending, in the file's values.
+    pub isovalues: Vec<f64>,
+    /// Fewest and most rays of any claim; the most that a texel gets where texels stop at an error.
+    pub rays: [u32; 2],
+    /// What texels stop by before that, with the smallest and the largest error.
+    pub targets: BTreeMap<String, [f64; 2]>,
+}
+
+impl Holdings {
+    /// Puts the records of chunks together.
+    pub fn of<'a>(extents: impl IntoIterator<Item = &'a ChunkExtent>) -> Self {
+        let mut held = Self { rays: [u32::MAX, 0], ..Self::default() };
+        for extent in extents {
+            held.chunks += 1;
+            for claim in extent.claims() {
+                held.rays = [held.rays[0].min(claim.rays), held.rays[1].max(claim.rays)];
+                held.all |= claim.isovalue.is_none();
+                held.isovalues.extend(claim.isovalue);
+                if let Some(target) = &claim.target {
+                    let range = held.targets.entry(target.of.clone()).or_insert([target.error; 2]);
+                    *range = [range[0].min(target.error), range[1].max(target.error)];
+                }
+            }
+            held.isovalues.sort_by(f64::total_cmp);
+            held.isovalues.dedup();
+        }
+        held.rays[0] = held.rays[0].min(held.rays[1]);
+        held
+    }
+}
+
+impl Store {
+    /// What the chunks hold, as it is on disk now. Reads no bricks.
+    ///
+    /// # Errors
+    /// When a record is damaged or cannot be read.
+    pub fn holdings(&self) -> Result<Holdings> {
+        let [cx, cy, cz] = self.layout.lattice.chunks();
+        let extents = (0..cx * cy * cz).map(|i| self.chunk_extent([i % cx, i / cx % cy, i / cx / cy]));
+        let extents: Vec<ChunkExtent> = extents.filter_map(Result::transpose).collect::<Result<_>>()?;
+        Ok(Holdings::of(&extents))
+    }
+}

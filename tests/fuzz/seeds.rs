@@ -1,0 +1,227 @@
+//! Small valid files of every kind that is read: written from the formats' definitions or by the
+//! encoders this program uses. The committed corpus was made from these by `write_the_corpus`.
+
+use exr::prelude::{
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, ImageAttributes, Layer,
+    LayerAttributes, LineOrder, Vec2, WritableImage, f16,
+};
+use std::io::Cursor;
+
+/// Name of a seed and its bytes.
+pub type Seed = (&'static str, Vec<u8>);
+
+fn data() -> Vec<u8> {
+    (0..24).map(|i| i * 10).collect()
+}
+
+fn floats() -> Vec<f32> {
+    (0..24).map(|i| i as f32 * 0.5 - 3.0).collect()
+}
+
+pub fn nifti() -> Vec<Seed> {
+    let header = |code: i16, big: bool| {
+        let mut bytes = vec![0u8; 352];
+        let mut put = |at: usize, value: &[u8]| {
+            let mut value = value.to_vec();
+            if big {
+                value.reverse();
+            }
+            bytes[at..at + value.len()].copy_from_slice(&value);
+        };
+        put(0, &348i32.to_le_bytes());
+        for (i, d) in [3i16, 2, 3, 4, 1, 1, 1, 1].into_iter().enumerate() {
+            put(40 + 2 * i, &d.to_le_bytes());
+        }
+        put(70, &code.to_le_bytes());
+        for i in 0..8 {
+            put(76 + 4 * i, &1f32.to_le_bytes());
+        }
+        put(108, &352f32.to_le_bytes());
+        put(112, &2f32.to_le_bytes());
+        // A qform of a quarter turn and an sform.
+        put(252, &1i16.to_le_bytes());
+        put(254, &i16::from(big).to_le_bytes());
+        put(256, &0.5f32.to_le_bytes());
+        for i in 0..3 {
+            put(280 + 16 * i + 4 * i, &(1.0 + i as f32).to_le_bytes());
+        }
+        bytes[344..348].copy_from_slice(b"n+1\0");
+        bytes
+    };
+    let big: Vec<u8> = floats().iter().flat_map(|v| v.to_be_bytes()).collect();
+    vec![("u8.nii", [header(2, false), data()].concat()), ("f32_big.nii", [header(16, true), big].concat())]
+}
+
+pub fn nrrd() -> Vec<Seed> {
+    let head = |kind: &str, encoding: &str, more: &str| {
+        format!(
+            "NRRD0004\n# made here\ntype: {kind}\ndimension: 3\nsizes: 2 3 4\nendian: little\nencoding: {encoding}\n{more}\n"
+        )
+    };
+    let join = |head: String, data: &[u8]| [head.as_bytes(), data].concat();
+    let text: String = floats().iter().map(|v| format!("{v} ")).collect();
+    let space = "space: left-posterior-superior\nspace directions: (1,0,0) (0,2,0) (0,0.5,3)\nspace origin: (1,2,3)\nspace units: \"mm\" \"mm\" \"mm\"\n";
+    let axes = "spacings: 1 2 nan\naxis mins: 0 1 2\ncenterings: cell cell node\nunits: \"mm\" \"mm\" \"mm\"\nbyte skip: 2\nline skip: 1\n";
+    let mut skipped = b"a line\nxx".to_vec();
+    skipped.extend(floats().iter().flat_map(|v| v.to_le_bytes()));
+    vec![
+        ("u8.nrrd", join(head("uchar", "raw", space), &data())),
+        ("f32.nrrd", join(head("float", "raw", axes), &skipped)),
+        ("gzip.nrrd", join(head("uchar", "gzip", ""), &super::mutate::gzip(&data()))),
+        ("ascii.nrrd", join(head("double", "ascii", ""), text.as_bytes())),
+    ]
+}
+
+pub fn mrc() -> Vec<Seed> {
+    let header = |mode: i32| {
+        let mut bytes = vec![0u8; 1024];
+        let words = [(0, 2), (1, 3), (2, 4), (3, mode), (4, -1), (7, 2), (8, 3), (9, 4), (16, 3), (17, 1), (18, 2)];
+        for (word, value) in words {
+            bytes[4 * word..4 * word + 4].copy_from_slice(&i32::to_le_bytes(value));
+        }
+        for (word, value) in [(10, 2.0f32), (11, 3.0), (12, 4.0), (13, 90.0), (14, 90.0), (15, 100.0), (49, 1.5)] {
+            bytes[4 * word..4 * word + 4].copy_from_slice(&value.to_le_bytes());
+        }
+        bytes[208..213].copy_from_slice(b"MAP D");
+        bytes
+    };
+    let real: Vec<u8> = floats().iter().flat_map(|v| v.to_le_bytes()).collect();
+    vec![("i8.mrc", [header(0), data()].concat()), ("f32.ccp4", [header(2), real].concat())]
+}
+
+pub fn cube() -> Vec<Seed> {
+    let values = "1.5 -2.0E-03 ".repeat(12);
+    let plain = format!("title\ncomment\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n6 6.0 0.1 0.2 0.3\n{values}\n");
+    let twice = "1.5 -2.5-103 ".repeat(24);
+    let orbitals = format!("a\nb\n-1 0 0 0\n-2 1 0 0\n3 0 1 0.2\n4 0 0 1\n6 6.0 0 0 0\n2 5 6\n{twice}");
+    vec![("density.cube", plain.into_bytes()), ("orbitals.cube", orbitals.into_bytes())]
+}
+
+pub fn vtk() -> Vec<Seed> {
+    let head = |encoding: &str, kind: &str| {
+        format!(
+            "# vtk DataFile Version 3.0\ntitle\n{encoding}\nDATASET STRUCTURED_POINTS\nDIMENSIONS 2 3 4\nSPACING 1 2 3\n\
+             ORIGIN 0 0 -1\nPOINT_DATA 24\n{kind}\nLOOKUP_TABLE default\n"
+        )
+    };
+    let text: String = floats().iter().map(|v| format!("{v}\n")).collect();
+    let fractions = "0.5 ".repeat(24);
+    vec![
+        ("binary.vtk", [head("BINARY", "SCALARS s unsigned_char 1").into_bytes(), data()].concat()),
+        ("ascii.vtk", (head("ASCII", "SCALARS s float") + &text).into_bytes()),
+        ("colour.vtk", (head("ASCII", "COLOR_SCALARS s 1") + &fractions).into_bytes()),
+    ]
+}
+
+pub fn npy() -> Vec<Seed> {
+    let file = |descr: &str, order: &str, data: &[u8]| {
+        let head = format!("{{'descr': '{descr}', 'fortran_order': {order}, 'shape': (4, 3, 2), }}\n");
+        [&b"\x93NUMPY\x01\0"[..], &[head.len() as u8, 0], head.as_bytes(), data].concat()
+    };
+    let real: Vec<u8> = floats().iter().flat_map(|v| f64::from(*v).to_be_bytes()).collect();
+    vec![("u8.npy", file("|u1", "False", &data())), ("f64_big.npy", file(">f8", "True", &real))]
+}
+
+pub fn tiff() -> Vec<Seed> {
+    use tiff::encoder::{Compression, DeflateLevel, TiffEncoder, colortype};
+    let stack = |compression: Compression, deep: bool| {
+        let mut bytes = Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut bytes).expect("memory").with_compression(compression);
+        for page in 0..3u8 {
+            if deep {
+                let values: Vec<u16> = (0..8).map(|i| 1000 * u16::from(page) + i).collect();
+                encoder.write_image::<colortype::Gray16>(4, 2, &values).expect("memory");
+            } else {
+                encoder.write_image::<colortype::Gray8>(4, 2, &[page; 8]).expect("memory");
+            }
+        }
+        bytes.into_inner()
+    };
+    vec![
+        ("u8.tif", stack(Compression::Uncompressed, false)),
+        ("lzw.tif", stack(Compression::Lzw, true)),
+        ("deflate.tif", stack(Compression::Deflate(DeflateLevel::Fast), true)),
+        ("packbits.tif", stack(Compression::Packbits, false)),
+    ]
+}
+
+/// Sidecars; the samples beside them are made by the target.
+pub fn raw() -> Vec<Seed> {
+    let full = r#"{"dims": [2, 3, 4], "type": "uint8", "endian": "big", "offset": 0, "spacing": [1, 2, 3.5],
+"origin": [-1e3, 0, 1], "slope": 0.5, "inter": -3, "data": "samples.raw"}"#;
+    let gzip = r#"{"dims": [2, 3, 2], "type": "int16", "data": "samples.gz"}"#;
+    vec![("full.json", full.into()), ("gzip.json", gzip.into())]
+}
+
+/// Headers whose samples lie in a second file.
+pub fn pairs() -> Vec<Seed> {
+    let mut nifti = nifti().swap_remove(0).1;
+    nifti.truncate(352);
+    nifti[344..348].copy_from_slice(b"ni1\0");
+    nifti[108..112].copy_from_slice(&0f32.to_le_bytes());
+    let nhdr =
+        "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 3 4\nencoding: raw\nbyte skip: -1\ndata file: samples.raw\n";
+    vec![("pair.hdr", nifti), ("detached.nhdr", nhdr.into())]
+}
+
+fn pattern(width: usize, height: usize) -> Vec<[f32; 3]> {
+    (0..width * height).map(|i| [i as f32 * 0.25, (i % 7) as f32, 1000.0 / (i + 1) as f32]).collect()
+}
+
+pub fn openexr() -> Vec<Seed> {
+    let file = |compression, blocks, half: bool| {
+        let pixels = pattern(12, 6);
+        let channel = |c: usize| {
+            let values = pixels.iter().map(|p| p[c]);
+            let samples = if half {
+                FlatSamples::F16(values.map(f16::from_f32).collect())
+            } else {
+                FlatSamples::F32(values.collect())
+            };
+            AnyChannel::new(["R", "G", "B"][c], samples)
+        };
+        let encoding = Encoding { compression, blocks, line_order: LineOrder::Increasing };
+        let channels = AnyChannels::sort((0..3).map(channel).collect());
+        let layer = Layer::new((12, 6), LayerAttributes::default(), encoding, channels);
+        let mut bytes = Cursor::new(Vec::new());
+        let image = Image::empty(ImageAttributes::with_size((12, 6))).with_layer(layer);
+        image.write().to_buffered(&mut bytes).expect("memory");
+        bytes.into_inner()
+    };
+    let tiles = Blocks::Tiles(Vec2(8, 4));
+    vec![
+        ("none.exr", file(Compression::Uncompressed, Blocks::ScanLines, false)),
+        ("rle.exr", file(Compression::RLE, Blocks::ScanLines, true)),
+        ("zip.exr", file(Compression::ZIP16, Blocks::ScanLines, false)),
+        ("zips.exr", file(Compression::ZIP1, tiles, false)),
+        ("piz.exr", file(Compression::PIZ, Blocks::ScanLines, true)),
+        ("pxr24.exr", file(Compression::PXR24, Blocks::ScanLines, false)),
+        ("b44.exr", file(Compression::B44, Blocks::ScanLines, true)),
+        ("b44a.exr", file(Compression::B44A, tiles, true)),
+    ]
+}
+
+pub fn radiance() -> Vec<Seed> {
+    let mut flat = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2\nCOLORCORR=1 1 2\n\n-Y 4 +X 8\n".to_vec();
+    flat.extend((0..32).flat_map(|i| [i, 128, 3 * i, 129]));
+    let mut run_length = Vec::new();
+    let pixels: Vec<image::Rgb<f32>> = pattern(16, 8).into_iter().map(image::Rgb).collect();
+    image::codecs::hdr::HdrEncoder::new(&mut run_length).encode(&pixels, 16, 8).expect("memory");
+    vec![("flat.hdr", flat), ("rle.hdr", run_length)]
+}
+
+pub fn low_range() -> Vec<Seed> {
+    let colour = image::RgbImage::from_fn(12, 6, |x, y| image::Rgb([20 * x as u8, 40 * y as u8, 7]));
+    let grey =
+        image::ImageBuffer::<image::LumaA<u16>, _>::from_fn(8, 8, |x, y| image::LumaA([(999 * x * y) as u16, 9]));
+    let bytes = |image: image::DynamicImage, format| {
+        let mut bytes = Cursor::new(Vec::new());
+        image.write_to(&mut bytes, format).expect("memory");
+        bytes.into_inner()
+    };
+    vec![
+        ("colour.png", bytes(colour.clone().into(), image::ImageFormat::Png)),
+        ("grey_alpha.png", bytes(grey.into(), image::ImageFormat::Png)),
+        ("colour.jpg", bytes(colour.into(), image::ImageFormat::Jpeg)),
+    ]
+}

@@ -1,0 +1,405 @@
+//! What is fed: for each target the seeds, how damage is wrapped up again, the call, and the limit.
+
+use super::mutate::{self, Numbers};
+use super::seeds;
+use isolume::geom::Up;
+use isolume::level;
+use isolume::probe::{Orientation, ReadOptions};
+use isolume::transfer::store::{ChunkExtent, ErrorTarget, Holdings, Identity, Store, pack_zip};
+use isolume::transfer::{BRICK_TEXELS, Brick, BrickSource, Lattice, Layers, Layout};
+use isolume::volume::{ReadHint, Samples, Volume};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// Most bytes of samples that a header may claim here.
+pub const SAMPLE_BYTES: u64 = 1 << 20;
+/// Most pixels of a probe here: 64 × 32.
+pub const PIXELS: usize = 1 << 11;
+
+/// Memory that a volume reader may ask for, beside 64 times the file itself (a TIFF's directory is unpacked
+/// to 32 bytes for each of its bytes, a gzip stream is held for TIFF): the samples as stored (at most 8 bytes
+/// each), reordered, and as kept: 3 times what may be claimed, growth by doubling counted twice for text;
+/// and its buffers: 1 MiB a piece and its decoded samples, 64 KiB of look-ahead, the state of inflate.
+pub const VOLUME_LIMIT: usize = 6 * SAMPLE_BYTES as usize + (6 << 20);
+/// The same for probes: pixels as stored, as floats, converted (up to 4 times as many), and what `low_range`
+/// allows its decoders besides: 16 bytes a pixel and 64 MiB.
+pub const PROBE_LIMIT: usize = 200 * PIXELS + (66 << 20);
+/// The same for a store, which maps or copies its files: 16 bytes for each of the 2²² chunks that it may
+/// have, and its metadata a few times over.
+pub const STORE_LIMIT: usize = (64 << 20) + (32 << 20);
+
+/// A reader under test.
+pub struct Target {
+    pub name: &'static str,
+    pub seeds: fn() -> Vec<seeds::Seed>,
+    /// Most bytes asked for beyond the file and what the seeds need.
+    pub limit: usize,
+    /// Runs in the gate, so that all of them take a few seconds.
+    pub gate_runs: u64,
+    kind: Kind,
+}
+
+enum Kind {
+    Volume,
+    /// With a second file: opened by path.
+    Pair,
+    Probe,
+    Store,
+    Zip,
+}
+
+pub const TARGETS: [Target; 14] = [
+    volume("nifti", seeds::nifti),
+    volume("nrrd", seeds::nrrd),
+    volume("mrc", seeds::mrc),
+    volume("cube", seeds::cube),
+    volume("vtk", seeds::vtk),
+    volume("npy", seeds::npy),
+    volume("tiff", seeds::tiff),
+    Target { name: "raw", seeds: seeds::raw, limit: VOLUME_LIMIT, gate_runs: 1000, kind: Kind::Pair },
+    Target { name: "pairs", seeds: seeds::pairs, limit: VOLUME_LIMIT, gate_runs: 1000, kind: Kind::Pair },
+    probe("openexr", seeds::openexr),
+    probe("radiance", seeds::radiance),
+    probe("low_range", seeds::low_range),
+    Target { name: "store", seeds: Vec::new, limit: STORE_LIMIT, gate_runs: 250, kind: Kind::Store },
+    Target { name: "store_zip", seeds: Vec::new, limit: STORE_LIMIT, gate_runs: 150, kind: Kind::Zip },
+];
+
+const fn volume(name: &'static str, seeds: fn() -> Vec<seeds::Seed>) -> Target {
+    Target { name, seeds, limit: VOLUME_LIMIT, gate_runs: 1500, kind: Kind::Volume }
+}
+
+const fn probe(name: &'static str, seeds: fn() -> Vec<seeds::Seed>) -> Target {
+    Target { name, seeds, limit: PROBE_LIMIT, gate_runs: 800, kind: Kind::Probe }
+}
+
+impl Input {
+    /// The same file with other bytes.
+    pub fn with(&self, bytes: Vec<u8>) -> Self {
+        Self { bytes, file: self.file, sealed: false }
+    }
+}
+
+/// Whether seed `i` of a target is an input that once failed; such a one may be refused.
+pub fn is_regression(target: &str, i: usize) -> bool {
+    let files = sorted(&corpus(target));
+    files.get(i).is_some_and(|f| f.file_name().is_some_and(|n| n.to_string_lossy().starts_with("regression")))
+}
+
+/// A target with its files at hand.
+pub struct Bench {
+    pub target: &'static Target,
+    seeds: Vec<Vec<u8>>,
+    folder: tempfile::TempDir,
+    /// What a sound store reads as.
+    sound: String,
+    /// Files of the store, or its archive.
+    files: Vec<PathBuf>,
+}
+
+/// One input: bytes for a file, and which file.
+pub struct Input {
+    pub bytes: Vec<u8>,
+    file: usize,
+    /// Whether metadata of a store was sealed again, so that it may say something else.
+    sealed: bool,
+}
+
+/// The corpus of a target.
+pub fn corpus(name: &str) -> PathBuf {
+    let root = std::env::var_os("CARGO_MANIFEST_DIR").map_or_else(|| env!("CARGO_MANIFEST_DIR").into(), PathBuf::from);
+    root.join("tests/fuzz/corpus").join(name)
+}
+
+fn sorted(folder: &Path) -> Vec<PathBuf> {
+    let mut all = Vec::new();
+    for entry in std::fs::read_dir(folder).into_iter().flatten() {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() { all.extend(sorted(&path)) } else { all.push(path) }
+    }
+    all.sort();
+    all
+}
+
+impl Bench {
+    pub fn new(target: &'static Target) -> Self {
+        // In memory where there is such a place: a store is rewritten thousands of times.
+        let memory = Path::new("/dev/shm");
+        let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
+        let folder = folder.expect("a temporary folder");
+        let mut bench = Self { target, seeds: Vec::new(), folder, sound: String::new(), files: Vec::new() };
+        match target.kind {
+            Kind::Store | Kind::Zip => bench.make_store(),
+            Kind::Pair => {
+                let at = |name: &str| bench.folder.path().join(name);
+                let samples: Vec<u8> = (0..24).collect();
+                for name in ["samples.raw", "input.img"] {
+                    std::fs::write(at(name), &samples).expect("written");
+                }
+                std::fs::write(at("samples.gz"), mutate::gzip(&samples)).expect("written");
+            }
+            Kind::Volume | Kind::Probe => {}
+        }
+        if bench.files.is_empty() {
+            let files = sorted(&corpus(target.name));
+            assert!(!files.is_empty(), "no corpus for {}", target.name);
+            bench.seeds = files.iter().map(|f| std::fs::read(f).expect("a seed")).collect();
+        } else {
+            bench.seeds = bench.files.iter().map(|f| std::fs::read(f).expect("a file")).collect();
+        }
+        bench
+    }
+
+    fn make_store(&mut self) {
+        let path = self.folder.path().join("x.isolume");
+        small_store(&path);
+        self.sound = everything(&path).expect("a sound store");
+        if matches!(self.target.kind, Kind::Zip) {
+            let zip = self.folder.path().join("x.zip");
+            pack_zip(&path, &zip).expect("packed");
+            self.files = vec![zip];
+        } else {
+            self.files = sorted(&path);
+        }
+    }
+
+    /// Whether inputs are files of a store.
+    pub fn is_store(&self) -> bool {
+        !self.files.is_empty()
+    }
+
+    /// The undamaged inputs.
+    pub fn whole(&self) -> Vec<Input> {
+        self.seeds.iter().enumerate().map(|(file, b)| Input { bytes: b.clone(), file, sealed: false }).collect()
+    }
+
+    /// Input number `n`.
+    pub fn input(&self, n: u64) -> Input {
+        let mut numbers = Numbers(n.wrapping_mul(0x2545_f491_4f6c_dd1d) ^ self.target.name.len() as u64);
+        let file = numbers.below(self.seeds.len());
+        let seed = &self.seeds[file];
+        let is_json = self.files.get(file).is_some_and(|f| f.extension().is_some_and(|e| e == "json"));
+        if is_json && numbers.below(2) == 0 {
+            return Input { bytes: resealed(&mut numbers, seed), file, sealed: true };
+        }
+        let other = self.seeds[numbers.below(self.seeds.len())].clone();
+        let mut bytes = mutate::damage(&mut numbers, seed, &other);
+        match self.target.kind {
+            Kind::Volume => match numbers.below(24) {
+                0..=2 => bytes = mutate::gzip(&bytes),
+                3 => {
+                    // Damaged after it was packed.
+                    let packed = mutate::gzip(seed);
+                    bytes = mutate::damage(&mut numbers, &packed, &packed);
+                }
+                4 if numbers.below(8) == 0 => bytes = mutate::bomb(&bytes, 1 << 24),
+                _ => {}
+            },
+            Kind::Probe if numbers.below(4) > 0 => mutate::repair_png(&mut bytes),
+            _ => {}
+        }
+        Input { bytes, file, sealed: false }
+    }
+
+    /// Feeds one input; true when it was accepted. Panics when what was accepted is not what is promised.
+    pub fn feed(&self, input: &Input) -> bool {
+        match self.target.kind {
+            Kind::Volume => {
+                // A stream of unknown length and a file of known length come to the same end.
+                let hint = ReadHint { max_bytes: SAMPLE_BYTES, ..ReadHint::default() };
+                let streamed = isolume::volume::read(&input.bytes[..], &hint);
+                let sized = ReadHint { length: Some(input.bytes.len() as u64), ..hint };
+                let sized = isolume::volume::read(&input.bytes[..], &sized);
+                assert_eq!(streamed.is_ok(), sized.is_ok(), "{:?} {:?}", streamed.err(), sized.err());
+                check_volume(streamed)
+            }
+            Kind::Pair => {
+                let path = self.folder.path().join("input.hdr");
+                std::fs::write(&path, &input.bytes).expect("written");
+                let hint = ReadHint { max_bytes: SAMPLE_BYTES, ..ReadHint::default() };
+                check_volume(isolume::volume::open_with(&path, &hint))
+            }
+            Kind::Probe => check_probe(&input.bytes),
+            Kind::Store | Kind::Zip => self.feed_store(input),
+        }
+    }
+
+    fn feed_store(&self, input: &Input) -> bool {
+        let file = &self.files[input.file];
+        std::fs::write(file, &input.bytes).expect("written");
+        let path =
+            if matches!(self.target.kind, Kind::Zip) { file.clone() } else { self.folder.path().join("x.isolume") };
+        let read = everything(&path);
+        if let Ok(store) = Store::open(&path) {
+            // The doctor looks at everything, too, and goes on where reading stops.
+            let whole = |_: &Volume, _: &Holdings| isolume::transfer::Selection::all(store.layout().lattice);
+            let _ = isolume::transfer::store::diagnose(&store, &whole);
+        }
+        std::fs::write(file, &self.seeds[input.file]).expect("written");
+        match read {
+            Err(error) => {
+                let message = error.to_string();
+                let named = message.contains(&*path.to_string_lossy());
+                assert!(input.sealed || named, "an error that names no file: {message}");
+                false
+            }
+            Ok(read) => {
+                // Only a document of ours with another content and a right seal may be believed, and the end of
+                // a text may lose its line feed. A chunk whose record or mark is gone was not baked.
+                assert!(input.sealed || read == self.sound, "damage unnoticed in {}", file.display());
+                true
+            }
+        }
+    }
+}
+
+fn check_volume(read: isolume::Result<Volume>) -> bool {
+    let volume = match read {
+        Ok(volume) => volume,
+        Err(error) => {
+            assert!(error.to_string().len() > 30, "an error without a reason: {error}");
+            return false;
+        }
+    };
+    let count = volume.dims().iter().product::<usize>();
+    assert_eq!(count, volume.samples().len());
+    assert!(count as u64 <= SAMPLE_BYTES);
+    let (low, high) = volume.raw_range();
+    assert!(low.is_finite() && high.is_finite() && low <= high);
+    assert!(volume.slope().is_finite() && volume.slope() != 0.0 && volume.inter().is_finite());
+    let affine = volume.world_from_grid();
+    assert!(affine.linear().is_finite() && affine.offset().is_finite());
+    let middle = 0.5 * (volume.value_range().0 + volume.value_range().1);
+    // The diagnoses take whatever the readers let through.
+    let _ = isolume::volume::diagnose::diagnose(&volume, Some(middle));
+    if count < 1000 {
+        let _ = level::diagnose::diagnose(&volume, middle);
+    }
+    true
+}
+
+fn check_probe(bytes: &[u8]) -> bool {
+    let options = ReadOptions { max_pixels: PIXELS, ..ReadOptions::default() };
+    match isolume::probe::Probe::from_bytes("fuzz", bytes, &options) {
+        Err(error) => {
+            assert!(error.to_string().len() > 30, "an error without a reason: {error}");
+            false
+        }
+        Ok(probe) => {
+            assert!(probe.image.pixels().iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
+            let orientation = Orientation::new(Up::Z, 10.0).expect("an angle");
+            for channel in probe.coefficients_in_world(3, orientation) {
+                assert!(channel.values().iter().all(|v| v.is_finite()));
+            }
+            let _ = isolume::probe::diagnose(&probe);
+            true
+        }
+    }
+}
+
+/// A store of 9³ texels: one chunk, two bricks a side.
+pub fn small_store(path: &Path) {
+    let samples = (0..729).map(|i| (i * 37 % 251) as u8).collect();
+    let affine = isolume::geom::Affine::IDENTITY;
+    let volume = Volume::new([9, 9, 9], Samples::U8(samples), affine).expect("a volume");
+    let lattice = Lattice::from_ratio([9, 9, 9], 1.0).expect("a lattice");
+    let layout = Layout { lattice, layers: Layers::uniform(1, 1).expect("layers") };
+    let identity = Identity::new(&volume, &layout, "path", false, 7);
+    let store = Store::create(path, &volume, &identity, serde_json::json!({ "by": ["hand"] })).expect("a store");
+    let mut brick = Brick::unbaked(&layout.layers);
+    for t in 0..BRICK_TEXELS {
+        brick.transfer[t] = half::f16::from_f32(t as f32 / 512.0);
+        (brick.validity[t], brick.rays[t]) = (1, 16);
+    }
+    let bricks = (0..64).map(|slot| [0, 1, 4, 5, 16, 21].contains(&slot).then(|| brick.clone())).collect();
+    let extent = ChunkExtent::new(Some(0.1), 16, Some(ErrorTarget { error: 0.5, of: "escape".into() }));
+    store.write_chunk([0; 3], bricks, &extent).expect("written");
+}
+
+/// All that can be read through a store.
+pub fn everything(path: &Path) -> isolume::Result<String> {
+    let store = Store::open(path)?;
+    let volume = store.volume()?;
+    let mut all = format!("{:?} {:?} {}", store.identity(), store.layout(), store.provenance());
+    all += &format!("{:?} {:?} {:?} {}", volume.name, volume.notes, volume.solid, volume.content_hash());
+    let [cx, cy, cz] = store.layout().lattice.chunks();
+    for index in (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]) {
+        if let Some((bricks, extent)) = store.read_chunk(index)? {
+            all += &format!("{extent:?}");
+            for brick in bricks.iter().flatten() {
+                all += &format!("{}", blake3::hash(bytemuck::cast_slice(&brick.transfer)));
+                all += &format!("{:?}", brick.validity.iter().map(|v| u64::from(*v)).sum::<u64>());
+            }
+        } else {
+            all += "torn or absent";
+        }
+    }
+    let [bx, by, bz] = store.layout().lattice.bricks();
+    for index in (0..bx * by * bz).map(|i| [i % bx, i / bx % by, i / bx / by]) {
+        all += if store.brick(index)?.is_some() { "1" } else { "0" };
+    }
+    Ok(all)
+}
+
+/// A document of a store with a few values replaced, and its seal made right again: what somebody who knows
+/// the format could write.
+fn resealed(numbers: &mut Numbers, bytes: &[u8]) -> Vec<u8> {
+    let Ok(mut value) = serde_json::from_slice::<Value>(bytes) else { return bytes.to_vec() };
+    for _ in 0..1 + numbers.below(3) {
+        let mut leaves = 0;
+        visit(&mut value, &mut |_| leaves += 1);
+        let chosen = numbers.below(leaves);
+        let new = replacement(numbers);
+        let mut at = 0;
+        visit(&mut value, &mut |leaf| {
+            if at == chosen {
+                *leaf = new.clone();
+            }
+            at += 1;
+        });
+    }
+    let hash = |value: &Value| {
+        let mut sorted = value.clone();
+        sorted.sort_all_objects();
+        blake3::hash(sorted.to_string().as_bytes()).to_hex().to_string()
+    };
+    if let Some(attributes) = value.get_mut("attributes").filter(|a| a.is_object()) {
+        if let Some(fields) = attributes.as_object_mut() {
+            fields.shift_remove("blake3");
+        }
+        attributes["blake3"] = hash(attributes).into();
+    } else if value.get("stamp").is_some() {
+        if let Some(fields) = value.as_object_mut() {
+            fields.shift_remove("stamp");
+        }
+        value["stamp"] = hash(&value)[..32].into();
+    }
+    value.to_string().into_bytes()
+}
+
+fn visit(value: &mut Value, each: &mut impl FnMut(&mut Value)) {
+    match value {
+        Value::Array(list) => list.iter_mut().for_each(|v| visit(v, each)),
+        Value::Object(fields) => fields.values_mut().for_each(|v| visit(v, each)),
+        leaf => each(leaf),
+    }
+}
+
+fn replacement(numbers: &mut Numbers) -> Value {
+    match numbers.below(14) {
+        0 => Value::Null,
+        1 => 0.into(),
+        2 => 1.into(),
+        3 => (-1).into(),
+        4 => u64::MAX.into(),
+        5 => (1u64 << 24).into(),
+        6 => (1u64 << 32).into(),
+        7 => serde_json::json!(1e308),
+        8 => serde_json::json!(-1e-320),
+        9 => "".into(),
+        10 => "../../x".into(),
+        11 => Value::Array(vec![]),
+        12 => true.into(),
+        _ => numbers.below(40).into(),
+    }
+}
