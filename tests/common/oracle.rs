@@ -205,9 +205,9 @@ impl Profile {
         self.ratios(from, to).fold(f64::INFINITY, f64::min)
     }
 
-    /// The first parameter ≥ `from` at which f changes to > 0 (`rise`) or to ≤ 0, from a state of the other kind.
+    /// The first parameter > `from` at which f changes to > 0 (`rise`) or to ≤ 0, from a state of the other kind.
     fn change(&self, from: f64, rise: bool) -> Option<f64> {
-        let after = self.looks.iter().position(|l| l.t >= from && (l.f > 1e-6 * l.slack) == rise)?;
+        let after = self.looks.iter().position(|l| l.t > from && (l.f > 1e-6 * l.slack) == rise)?;
         let before = if after > 0 { self.looks[after - 1].t } else { 0.0 };
         let (mut low, mut high) = (from.max(before), self.looks[after].t);
         for _ in 0..60 {
