@@ -71,22 +71,44 @@ fn sum<'a>(entries: &'a [Entry], pick: impl Fn(&'a Entry) -> Option<&'a Tally>) 
     total
 }
 
-const HEAD: &str =
-    "      rays      hits      lost  grazing    leaks     late  self-hit   ghosts      NaN   buried  largest error";
+const HEAD: &str = "      rays      hits      lost  grazing at start    leaks     late self-hit   ghosts      NaN   buried  largest error";
 
 fn row(t: &Tally) -> String {
     format!(
-        "{:>10}{:>10}{:>10}{:>9}{:>9}{:>9}{:>10}{:>9}{:>9}{:>9}{:>15.2e}",
-        t.rays, t.hits, t.lost, t.grazing, t.leaks, t.late, t.self_hits, t.ghosts, t.not_a_number, t.buried, t.worst
+        "{:>10}{:>10}{:>10}{:>9}{:>9}{:>9}{:>9}{:>9}{:>9}{:>9}{:>9}{:>15.2e}",
+        t.rays,
+        t.hits,
+        t.lost,
+        t.grazing,
+        t.grazing_starts,
+        t.leaks,
+        t.late,
+        t.self_hits,
+        t.ghosts,
+        t.not_a_number,
+        t.buried,
+        t.worst
     )
 }
 
-const COLUMNS: &str = "rays,hits,lost,grazing,leaks,late,self_hits,ghosts,nan,buried,largest_error_voxels";
+const COLUMNS: &str =
+    "rays,hits,lost,grazing,grazing_at_start,leaks,late,self_hits,ghosts,nan,buried,largest_error_voxels";
 
 fn cells(t: &Tally) -> String {
     format!(
-        "{},{},{},{},{},{},{},{},{},{},{:e}",
-        t.rays, t.hits, t.lost, t.grazing, t.leaks, t.late, t.self_hits, t.ghosts, t.not_a_number, t.buried, t.worst
+        "{},{},{},{},{},{},{},{},{},{},{},{:e}",
+        t.rays,
+        t.hits,
+        t.lost,
+        t.grazing,
+        t.grazing_starts,
+        t.leaks,
+        t.late,
+        t.self_hits,
+        t.ghosts,
+        t.not_a_number,
+        t.buried,
+        t.worst
     )
 }
 

@@ -47,6 +47,9 @@ pub(super) struct Relight {
     /// File to write; its ending decides the format. For several: a name with {isovalue} and {env}, or a directory
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    /// Write an empty file, instead of an error, for an isovalue that no surface has
+    #[arg(long)]
+    allow_empty: bool,
     #[command(flatten, next_help_heading = "Light")]
     light: LightArgs,
     #[command(flatten, next_help_heading = "Material")]
@@ -241,7 +244,7 @@ impl Relight {
         };
         let resolve = |i: &Isovalue| match (i, only) {
             (Isovalue::Auto, Some(value)) => Ok(Chosen { value, reason: Some("the store holds it".into()) }),
-            _ => i.resolve(&volume, None),
+            _ => self.resolve(i, &volume, None),
         };
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
         let time = start.elapsed();
@@ -260,7 +263,7 @@ impl Relight {
         for note in &opened.volume.notes {
             console.note(&note.text);
         }
-        let resolve = |i: &Isovalue| i.resolve(&opened.volume, opened.default_isovalue);
+        let resolve = |i: &Isovalue| self.resolve(i, &opened.volume, opened.default_isovalue);
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
         let isovalues: Vec<f64> = chosen.iter().map(|c| c.value).collect();
         targets(&self.output, &opened.volume.name, &isovalues, environments)?;
@@ -283,6 +286,17 @@ impl Relight {
         }
         let rays = report.summary.counts.rays;
         Ok((store, rays, opened.volume, chosen, read_time))
+    }
+
+    /// The isovalue for a volume; with `--allow-empty` one that no surface has, too.
+    fn resolve(&self, isovalue: &Isovalue, volume: &Volume, of_field: Option<f64>) -> Result<Chosen, Error> {
+        match isovalue.resolve(volume, of_field) {
+            Err(_) if self.allow_empty => {
+                let value = if let Isovalue::Value(value) = isovalue { *value } else { volume.value_range().1 };
+                Ok(Chosen { value, reason: Some("no surface has it; what is written is empty".into()) })
+            }
+            resolved => resolved,
+        }
     }
 
     fn cache_folder(&self) -> Outcome<PathBuf> {

@@ -270,6 +270,8 @@ pub enum Verdict {
     Exact(f64),
     /// Right or wrong by less than f32 can tell.
     Grazing,
+    /// As `Grazing`, and a hit where the ray starts: it is tangent there to within rounding.
+    GrazingStart,
     Wrong(Fault),
 }
 
@@ -283,13 +285,27 @@ pub fn judge(profile: &Profile, on_surface: bool, said: Said) -> Verdict {
 
 /// Judges an answer by a position budget in voxels.
 pub fn judge_within(budget: f64, profile: &Profile, on_surface: bool, said: Said) -> Verdict {
-    use Verdict::{Exact, Grazing, Wrong};
+    use Verdict::{Exact, Wrong};
     let Some(first) = profile.looks.iter().find(|l| l.t > 0.0) else {
         // On the border and outward: no way to go, but a start beside the surface may be solid.
         let legal = said == Said::Escaped || (said == Said::Lost && !on_surface);
         return if legal { Exact(0.0) } else { Wrong(Fault::SelfHit) };
     };
     let told = profile.looks.iter().find(|l| l.f.abs() > 1e-6 * l.slack).unwrap_or(first);
+    let certain = profile.looks.iter().find(|l| l.f.abs() > l.slack);
+    let verdict = judge_from(told, budget, profile, on_surface, said);
+    match (verdict, certain) {
+        // It starts so flat that f32 cannot tell on which side: the other is right as well.
+        (Wrong(_), Some(certain)) if (told.f > 0.0) != (certain.f > 0.0) => {
+            judge_from(certain, budget, profile, on_surface, said)
+        }
+        _ => verdict,
+    }
+}
+
+/// Judges an answer, the side of the start being that of `told`.
+fn judge_from(told: &Look, budget: f64, profile: &Profile, on_surface: bool, said: Said) -> Verdict {
+    use Verdict::{Exact, Grazing, GrazingStart, Wrong};
     let inside = told.f > 0.0;
     let t = match said {
         Said::NotANumber => return Wrong(Fault::NotANumber),
@@ -333,8 +349,13 @@ pub fn judge_within(budget: f64, profile: &Profile, on_surface: bool, said: Said
     };
     match error <= budget {
         true => Exact(error),
-        // Not where it rises, and where it starts; a start beside the surface may be on it by less than f32 can tell.
-        false if t < budget && on_surface => Wrong(Fault::SelfHit),
+        false if t < budget && on_surface => {
+            // f32 decides cell by cell: whether the ray leaves its surface by more than rounding, within the
+            // budget, before the end of the cell in which it hits.
+            let cell_end = profile.pieces.iter().find(|p| p.to >= t).map_or(t, |p| p.to);
+            let leaves = profile.lowest(0.0, (t + budget).min(cell_end)) < -1.0;
+            if leaves { Wrong(Fault::SelfHit) } else { GrazingStart }
+        }
         false => Grazing,
     }
 }

@@ -17,6 +17,8 @@ pub struct Tally {
     pub hits: u64,
     pub lost: u64,
     pub grazing: u64,
+    /// Of these hits where the ray starts, tangent to within rounding.
+    pub grazing_starts: u64,
     pub leaks: u64,
     pub late: u64,
     pub self_hits: u64,
@@ -37,6 +39,10 @@ impl Tally {
         match verdict {
             Verdict::Exact(error) => self.worst = self.worst.max(error),
             Verdict::Grazing => self.grazing += 1,
+            Verdict::GrazingStart => {
+                self.grazing += 1;
+                self.grazing_starts += 1;
+            }
             Verdict::Wrong(fault) => {
                 *match fault {
                     Fault::Leak => &mut self.leaks,
@@ -55,6 +61,7 @@ impl Tally {
         self.hits += other.hits;
         self.lost += other.lost;
         self.grazing += other.grazing;
+        self.grazing_starts += other.grazing_starts;
         self.leaks += other.leaks;
         self.late += other.late;
         self.self_hits += other.self_hits;

@@ -9,7 +9,7 @@ use isolume::export::{ExportMesh, Positions, gltf as glb, ply};
 use isolume::geom::Up;
 use isolume::level::{LevelField, Pyramid};
 use isolume::probe::{LatLong, Orientation, Probe, by_name};
-use isolume::relight::{Exposure, Material, contract, prepare, texels_of_isosurface};
+use isolume::relight::{Exposure, Light, Material, contract, prepare, texels_of_isosurface};
 use isolume::sh::certified::bounds;
 use isolume::sh::{Coefficients, Window};
 use isolume::surface::{Mesh, extract, extract_with_normals};
@@ -19,9 +19,25 @@ use isolume::volume::{Sample, Samples, Volume};
 /// A light by its coefficients in world axes.
 pub struct Lit {
     pub name: &'static str,
-    channels: [Coefficients; 3],
-    /// No radiance is below 0 once it is certified.
-    certified: bool,
+    light: Light,
+    /// Least and largest radiance, and what rounding may add, by channel.
+    limits: [[f64; 3]; 3],
+}
+
+impl Lit {
+    fn new(name: &'static str, channels: &[Coefficients; 3], certified: bool) -> Self {
+        let window = if certified { Window::Certified } else { Window::None };
+        let layers = Layers::uniform(3, 3).unwrap();
+        let light = prepare(channels, channels, &layers, window).unwrap().light;
+        let limits = std::array::from_fn(|c| {
+            let values = light.coefficients(0).iter().map(|v| v[c]).collect();
+            let channel = Coefficients::new(light.bands(0), values).unwrap();
+            let (low, high) = bounds(&channel);
+            let slack = (2f64.powi(-10) + 32.0 * 2f64.powi(-24)) * reach(&channel);
+            [if certified { 0.0 } else { low.min(0.0) }, high.max(0.0), slack]
+        });
+        Self { name, light, limits }
+    }
 }
 
 /// Lights that break relighters: nothing, everything, a point of 1e6, skies by formula.
@@ -32,8 +48,7 @@ pub fn lights() -> Vec<Lit> {
     let one = Probe::from_image("one pixel", LatLong::new(1, 1, vec![[2.0, 1.0, 0.5]]).unwrap());
     let black = Probe::from_image("black", LatLong::new(2, 1, vec![[0.0; 3]; 2]).unwrap());
     let orientation = Orientation::new(Up::Z, 30.0).unwrap();
-    let of =
-        |name, probe: &Probe, certified| Lit { name, channels: probe.coefficients_in_world(3, orientation), certified };
+    let of = |name, probe: &Probe, certified| Lit::new(name, &probe.coefficients_in_world(3, orientation), certified);
     let named = |name| of(name, &by_name(name).unwrap().unwrap(), true);
     vec![
         of("one texel of 1e6", &point, true),
@@ -67,7 +82,7 @@ pub fn check(volume: &Volume, solved: &Solved, isovalue: f64, lights: &[Lit], wh
         for albedo in [0.0f32, 0.7, 1.0] {
             let what = format!("{what}, {}, albedo {albedo}", light.name);
             let material = Material::new([albedo, 0.5 * albedo, albedo], [0.0; 3]).unwrap();
-            let (radiance, limits) = relight(solved, &bricks, &surface, light, &layout.layers, &material);
+            let (radiance, limits) = relight(solved, &bricks, &surface, light, &material);
             for (c, (low, high)) in limits.into_iter().enumerate() {
                 for r in &radiance {
                     assert!(f64::from(r[c]) >= low && f64::from(r[c]) <= high, "{what}: {} not in {low}…{high}", r[c]);
@@ -95,24 +110,16 @@ fn relight(
     bricks: &[[usize; 3]],
     surface: &Mesh,
     light: &Lit,
-    layers: &Layers,
     material: &Material,
 ) -> (Vec<[f32; 3]>, [(f64, f64); 3]) {
-    let window = if light.certified { Window::Certified } else { Window::None };
-    let prepared = prepare(&light.channels, &light.channels, layers, window).unwrap();
-    let contracted = contract(&solved.texture, bricks, &prepared.light, material).unwrap();
-    let lit = contracted.look_up(&surface.positions_in_grid, &surface.normals, &prepared.light, material);
+    let contracted = contract(&solved.texture, bricks, &light.light, material).unwrap();
+    let lit = contracted.look_up(&surface.positions_in_grid, &surface.normals, &light.light, material);
     assert_eq!((lit.report.lookups, lit.report.unbaked), (surface.positions_in_grid.len() as u64, 0));
     assert!(contracted.look_up_errors(&surface.positions_in_grid).iter().all(|e| e.is_finite() && *e >= 0.0));
     assert!(contracted.noise.relative().is_finite());
     let limits = std::array::from_fn(|c| {
-        let values = prepared.light.coefficients(0).iter().map(|v| v[c]).collect();
-        let channel = Coefficients::new(prepared.light.bands(0), values).unwrap();
-        let (low, high) = bounds(&channel);
-        let slack = (2f64.powi(-10) + 32.0 * 2f64.powi(-24)) * reach(&channel);
-        let albedo = f64::from(material.albedo[c]);
-        let low = if light.certified { 0.0f64.min(low) } else { low.min(0.0) };
-        (albedo * low - slack, albedo * high.max(0.0) + slack)
+        let ([low, high, slack], albedo) = (light.limits[c], f64::from(material.albedo[c]));
+        (albedo * low - slack, albedo * high + slack)
     });
     (lit.radiance, limits)
 }
