@@ -141,9 +141,9 @@ pub struct Note {
     pub count: u64,
 }
 
-/// The largest magnitude of a sample, 2^120: differences, gradients and the steps of the cell solver multiply
+/// The largest magnitude of a sample, 2^122: differences, gradients and the steps of the cell solver multiply
 /// samples by up to 54, which must not overflow `f32`. File readers rescale from 2^100 on.
-pub const MOST_MAGNITUDE: f32 = f32::from_bits((127 + 120) << 23);
+pub const MOST_MAGNITUDE: f32 = f32::from_bits((127 + 122) << 23);
 
 /// A scalar volume.
 #[derive(Clone, Debug)]
@@ -200,7 +200,7 @@ impl Volume {
             return Err(Error::argument(
                 "volume",
                 format!("a sample of magnitude {largest:e}"),
-                "magnitudes up to 2^120",
+                "magnitudes up to 2^122",
                 "divide by a power of two and give it to with_scaling as slope, as the file readers do",
             ));
         }
