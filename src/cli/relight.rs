@@ -50,6 +50,9 @@ pub(super) struct Relight {
     /// File to write; its ending decides the format. For several: a name with {isovalue} and {env}, or a directory
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    /// Write an empty file, instead of an error, for an isovalue that no surface has
+    #[arg(long)]
+    allow_empty: bool,
     #[command(flatten, next_help_heading = "Light")]
     light: LightArgs,
     #[command(flatten, next_help_heading = "Material")]
@@ -224,7 +227,7 @@ impl Relight {
         for note in &opened.volume.notes {
             console.note(&note.text);
         }
-        let resolve = |i: &Isovalue| i.resolve(&opened.volume, opened.default_isovalue);
+        let resolve = |i: &Isovalue| self.resolve(i, &opened.volume, opened.default_isovalue);
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
         let work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
         work.bake_and_light(&opened.label, seed)
@@ -255,9 +258,20 @@ impl Relight {
         let only = held.isovalues.first().copied().filter(|_| !held.all && self.isovalue.contains(&Isovalue::Auto));
         let resolve = |i: &Isovalue| match (i, only) {
             (Isovalue::Auto, Some(value)) => Ok(Chosen { value, reason: Some("the store holds it".into()) }),
-            _ => i.resolve(volume, None),
+            _ => self.resolve(i, volume, None),
         };
         Ok(self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?)
+    }
+
+    /// The isovalue for a volume; with `--allow-empty` one that no surface has, too.
+    fn resolve(&self, isovalue: &Isovalue, volume: &Volume, of_field: Option<f64>) -> Result<Chosen, Error> {
+        match isovalue.resolve(volume, of_field) {
+            Err(_) if self.allow_empty => {
+                let value = if let Isovalue::Value(value) = isovalue { *value } else { volume.value_range().1 };
+                Ok(Chosen { value, reason: Some("no surface has it; what is written is empty".into()) })
+            }
+            resolved => resolved,
+        }
     }
 
     fn cache_folder(&self) -> Outcome<PathBuf> {

@@ -37,6 +37,8 @@ mod triangulate;
 mod reference;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod watertight;
 
 pub use signs::{StraddlingCells, straddling_cells};
 pub use statistics::{MeshStatistics, mesh_statistics};

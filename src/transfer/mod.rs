@@ -36,6 +36,10 @@ pub const CHUNK: usize = 32;
 /// Most layers a texture may have.
 pub const MAX_LAYERS: usize = 16;
 
+/// Most texels of a lattice, 2^40: a bit each is 128 GiB, and a texel's largest vector (16 layers of 11 bands, 4 bytes
+/// a number) times their number stays below 2^63, so that no size made of them overflows.
+pub const MOST_TEXELS: u64 = 1 << 40;
+
 /// Flags of a texel's validity byte.
 pub mod validity {
     /// The texel has a level set with a usable normal.
@@ -57,20 +61,20 @@ impl Lattice {
     /// The lattice with `ratio` texels to a sample.
     ///
     /// # Errors
-    /// When the ratio is not a positive finite number or asks for more than 2³² texels on an axis.
+    /// When the ratio is not in (0, 1024], or the lattice would have more than [`MOST_TEXELS`].
     pub fn from_ratio(grid: [usize; 3], ratio: f64) -> Result<Self> {
         if !(ratio.is_finite() && ratio > 0.0 && ratio <= 1024.0) {
             return Err(Error::argument("texture", ratio, "a ratio in (0, 1024]", "1 is the resolution of the data"));
         }
         let axis = |n: usize| if n == 1 { 1 } else { (((n - 1) as f64 * ratio).round() as usize + 1).max(2) };
-        Ok(Self { grid, texels: grid.map(axis) })
+        Self::counted(grid, grid.map(axis))
     }
 
     /// The lattice with the given number of texels along each axis.
     ///
     /// # Errors
     /// When an axis has fewer than 2 texels while the grid has 2 samples or more, or not 1 where
-    /// the grid has 1.
+    /// the grid has 1; when the lattice would have more than [`MOST_TEXELS`].
     pub fn from_texels(grid: [usize; 3], texels: [usize; 3]) -> Result<Self> {
         for a in 0..3 {
             if (grid[a] == 1 && texels[a] != 1) || (grid[a] > 1 && texels[a] < 2) {
@@ -82,7 +86,21 @@ impl Lattice {
                 ));
             }
         }
-        Ok(Self { grid, texels })
+        Self::counted(grid, texels)
+    }
+
+    /// The lattice, if its texels can be counted and addressed.
+    fn counted(grid: [usize; 3], texels: [usize; 3]) -> Result<Self> {
+        let count = texels.iter().try_fold(1u64, |n, &m| n.checked_mul(m as u64));
+        if count.is_some_and(|n| n <= MOST_TEXELS) {
+            return Ok(Self { grid, texels });
+        }
+        Err(Error::Limit {
+            what: "the texture".into(),
+            needed: format!("{}×{}×{} texels", texels[0], texels[1], texels[2]),
+            limit: format!("{MOST_TEXELS} texels"),
+            remedy: "lower --texture, or crop the volume".into(),
+        })
     }
 
     /// Samples of the volume along each axis.

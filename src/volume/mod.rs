@@ -142,10 +142,15 @@ pub struct Note {
     pub count: u64,
 }
 
+/// The largest magnitude of a sample, 2^122: differences, gradients and the steps of the cell solver multiply
+/// samples by up to 54, which must not overflow `f32`. File readers rescale from 2^100 on.
+pub const MOST_MAGNITUDE: f32 = f32::from_bits((127 + 122) << 23);
+
 /// A scalar volume.
 #[derive(Clone, Debug)]
 pub struct Volume {
-    // Invariants: dims.product() == samples.len() > 0; float samples finite; slope finite, not 0.
+    // Invariants: dims.product() == samples.len() > 0; float samples finite and at most MOST_MAGNITUDE;
+    // slope finite, not 0.
     dims: [usize; 3],
     samples: Samples,
     slope: f64,
@@ -168,7 +173,8 @@ impl Volume {
     /// A volume from its parts; slope 1, inter 0, unit unknown, up z, solid above.
     ///
     /// # Errors
-    /// When the number of samples is not the product of `dims`, is 0, or a sample is not finite.
+    /// When the number of samples is not the product of `dims`, is 0, or a sample is not finite or larger in
+    /// magnitude than [`MOST_MAGNITUDE`].
     pub fn new(dims: [usize; 3], samples: Samples, world_from_grid: Affine) -> Result<Self> {
         let count = dims.iter().try_fold(1usize, |n, &d| n.checked_mul(d)).unwrap_or(0);
         if count == 0 || count != samples.len() {
@@ -190,6 +196,15 @@ impl Volume {
             ));
         }
         let raw_range = samples.raw_range();
+        let largest = raw_range.0.abs().max(raw_range.1.abs());
+        if largest > MOST_MAGNITUDE {
+            return Err(Error::argument(
+                "volume",
+                format!("a sample of magnitude {largest:e}"),
+                "magnitudes up to 2^122",
+                "divide by a power of two and give it to with_scaling as slope, as the file readers do",
+            ));
+        }
         Ok(Self {
             dims,
             samples,

@@ -9,6 +9,7 @@ mod oracle;
 mod rays;
 mod shapes;
 mod sites;
+mod traversal;
 
 use super::*;
 use crate::geom::Affine;

@@ -130,7 +130,9 @@ fn a_header_that_claims_too_much_is_refused_before_memory_is_asked_for() {
     let key = path.join("transfer/a_b__/env/zarr.json");
     let mut group: Value = serde_json::from_slice(&fs::read(&key).unwrap()).unwrap();
     let mut attributes = unsealed(&group).unwrap();
-    for (size, word) in [([1 << 20; 3], "chunks"), ([usize::MAX; 3], "2^24"), ([0, 12, 70], "2^24")] {
+    // 2^60 texels; 2^39 in 2^28 flat chunks; axes beyond any.
+    let sizes = [([1 << 20; 3], "texels"), ([1 << 19, 1 << 19, 2], "chunks")];
+    for (size, word) in sizes.into_iter().chain([([usize::MAX; 3], "2^24"), ([0, 12, 70], "2^24")]) {
         attributes["identity"]["texels"] = json!(size);
         attributes["identity"]["grid"] = json!(size);
         group["attributes"] = sealed(attributes.clone());
