@@ -161,7 +161,10 @@ fn wrong_version() {
     let newer = root.replace(&format!("\"format_version\": {known}"), "\"format_version\": 9");
     bench.write("s.isolume/zarr.json", newer.as_bytes());
     for command in ["info", "doctor", "relight --isovalue -0.6 --env sky -o x.glb"] {
-        bench.refuses_line(&format!("{command} s.isolume"), &["s.isolume", "format version 9", &format!("version {known}")]);
+        bench.refuses_line(
+            &format!("{command} s.isolume"),
+            &["s.isolume", "format version 9", &format!("version {known}")],
+        );
     }
 }
 

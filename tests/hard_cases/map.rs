@@ -128,6 +128,8 @@ const ROWS: &[Row] = &[
         29,
         "one texel of 1e6, 1×1",
         &[
+            "tests/hard_environments::one_texel_of_1e6",
+            "tests/hard_environments::a_single_pixel",
             "tests/hard_cases/options::a_probe_of_one_pixel_is_a_constant_and_one_texel_of_a_million_keeps_its_energy",
             "src/probe/tests::black_and_single_pixel_probes_are_harmless",
             "src/probe/read/tests::single_pixels_and_odd_sizes",
@@ -137,6 +139,10 @@ const ROWS: &[Row] = &[
         29,
         "sun on ±y, all zero, constant, two opposite suns",
         &[
+            "tests/hard_environments::a_sun_exactly_on_the_poles",
+            "tests/hard_environments::all_zero",
+            "tests/hard_environments::constant",
+            "tests/hard_environments::two_opposite_suns",
             "src/probe/tests::opposite_suns_have_no_first_band",
             "src/probe/tests::a_constant_is_exact_at_any_resolution",
             "tests/light::certified_light_on_a_positive_bake_of_four_rays_is_non_negative",
@@ -147,6 +153,10 @@ const ROWS: &[Row] = &[
         29,
         "negative and NaN texels, odd sizes, 21 EV",
         &[
+            "tests/hard_environments::negative_and_nan_texels",
+            "tests/hard_environments::odd_sizes",
+            "tests/hard_environments::a_range_of_21_stops",
+            "tests/hard_environments::any_pixels_become_a_finite_probe",
             "src/probe/read/tests::impossible_pixels_are_counted",
             "src/probe/read/tests::exr_compressions_and_sample_types",
             "tests/cli::a_probe_with_nan_works_with_a_note_and_fails_its_check",
@@ -156,6 +166,7 @@ const ROWS: &[Row] = &[
         29,
         "bands 1 and 11",
         &[
+            "tests/hard_environments::bands_1_and_11",
             "tests/hard_cases/options::one_band_and_eleven_bands_are_lit_within_the_light",
             "tests/sh_properties::rotations_compose_invert_keep_norms_and_move_values",
             "tests/sh_properties::bounds_hold_at_every_direction_and_do_not_depend_on_the_frame",
@@ -166,6 +177,7 @@ const ROWS: &[Row] = &[
         29,
         "albedo 0, 0.99, 1",
         &[
+            "tests/hard_environments::albedos_0_and_nearly_1_and_1",
             "tests/hard_cases/options::albedo_1_in_a_closed_room_stops_and_says_what_it_left_out",
             "tests/hard_cases/options::albedo_1_of_what_is_open_leaves_nothing_out_of_reflection",
             "tests/hard_cli::albedo_1_with_emission_says_what_it_left_out",
@@ -175,6 +187,8 @@ const ROWS: &[Row] = &[
         30,
         "truncated at every kind of place, damaged",
         &[
+            "tests/hard_files::truncated_volumes_probes_and_stores",
+            "tests/fuzz::a_fixed_number_of_damaged_inputs_for_each_target",
             "src/volume/tests/hostile::every_truncation_of_every_format_is_an_error_with_a_reason",
             "src/volume/tests/hostile::every_single_byte_of_damage_is_survived",
             "src/transfer/store/tests/damage::damage_is_found_by_name_or_has_no_effect",
@@ -185,6 +199,7 @@ const ROWS: &[Row] = &[
         30,
         "a header that claims 1e12 voxels, sizes beyond any memory",
         &[
+            "tests/hard_files::a_header_that_claims_1e12_voxels",
             "src/volume/tests/hostile::headers_that_claim_a_trillion_voxels_fail_at_once",
             "src/transfer/store/tests/damage::a_header_that_claims_too_much_is_refused_before_memory_is_asked_for",
             "tests/hard_cases/options::textures_beyond_any_memory_are_refused_before_any_is_taken",
@@ -195,16 +210,32 @@ const ROWS: &[Row] = &[
         30,
         "wrong magic, wrong version, zero-length, a directory",
         &[
+            "tests/hard_files::wrong_magic",
+            "tests/hard_files::wrong_version",
+            "tests/hard_files::zero_length",
+            "tests/hard_files::a_directory_in_place_of_a_file",
             "src/volume/tests/hostile::wrong_files_are_named",
             "src/transfer/store/tests/paths::paths_that_hold_no_store_are_named",
             "tests/cli::bad_input_is_refused_by_name_and_leaves_nothing",
         ],
     ),
-    (30, "gzip bombs", &["src/volume/tests/hostile::of_a_gzip_bomb_only_what_the_header_asks_for_is_unpacked"]),
+    (
+        30,
+        "gzip bombs",
+        &[
+            "tests/hard_files::a_gzip_bomb",
+            "src/volume/tests/hostile::of_a_gzip_bomb_only_what_the_header_asks_for_is_unpacked",
+        ],
+    ),
     (
         30,
         "no permission, disk full",
         &[
+            "tests/hard_files::no_permission_to_read",
+            "tests/hard_files::no_permission_to_write",
+            "tests/hard_files::disk_full_while_a_store_is_made",
+            "tests/hard_files::disk_full_while_a_store_grows",
+            "tests/hard_files::disk_full_while_results_are_written",
             "tests/cli::an_output_that_cannot_be_written_is_refused_before_the_work",
             "src/export/tests::a_stream_that_fails_anywhere_is_an_error",
         ],
@@ -213,6 +244,10 @@ const ROWS: &[Row] = &[
         30,
         "killed in mid-bake, two processes on one output",
         &[
+            "tests/hard_files::kill_9_in_mid_bake",
+            "tests/hard_files::two_processes_on_one_output",
+            "tests/resume::twenty_kills_leave_the_bytes_of_an_unbroken_bake",
+            "tests/resume::a_second_bake_of_a_store_is_told",
             "src/transfer/store/tests/damage::a_killed_writer_leaves_a_chunk_that_is_baked_again",
             "src/transfer/store/tests/damage::a_reader_beside_a_writer_never_sees_two_writings_mixed",
             "src/transfer/store/tests/paths::a_second_baker_is_kept_out_until_the_first_is_done",
