@@ -3,15 +3,27 @@
 use super::REPLICATES;
 use super::path::{Scratch, Settings, TexelEstimate};
 use crate::geom::Normal;
+use crate::sampling::statistics::{POOLED_BANDS, half_interval_95};
 use crate::sh;
 
 /// Means and standard errors from the sums of the replicates.
+///
+/// # The standard error of band 0
+/// Four replicates of an openness give a variance with three degrees of freedom, on a lattice of few values, often 0.
+/// But most of what a layer's noise is made of is that a path more or less ended in it, in some direction ω; such an
+/// event changes T_lm by Y_lm(ω), and by the addition theorem the mean over m of Y_lm(ω)² is 1/4π in every band. So bands
+/// 0, 1 and 2 estimate one variance from nine coefficients, and band 0 takes their mean: a variance moderated by
+/// others of the same size (as Smyth 2004 does with a prior over genes), whose degrees of freedom are
+/// [`crate::sampling::statistics::stored_degrees`]. Higher bands see more: what a net does to smooth
+/// functions helps them less. The first `events` layers are treated so; where a path adds more than one
+/// direction (the lookups of [`super::gather()`]) a band keeps its own.
 pub(super) fn combine(
     normal: Normal,
     settings: &Settings,
     scratch: &Scratch,
     visible: &[u32; REPLICATES],
     points: usize,
+    events: usize,
     out: &mut TexelEstimate,
 ) {
     let layers = &settings.layers;
@@ -38,6 +50,7 @@ pub(super) fn combine(
     let mut named = vec![[0.0f32; REPLICATES]; weights.len()];
     for k in 0..layers.len() {
         let bands = layers.bands()[k];
+        let mut pool = 0.0;
         for l in 0..bands {
             let mut squares = 0.0;
             for m in 0..2 * l + 1 {
@@ -65,6 +78,13 @@ pub(super) fn combine(
                 squares += variance_of_mean;
             }
             out.stderr[layers.error_offset(k) + l] = (squares / (2 * l + 1) as f32).sqrt();
+            if l < POOLED_BANDS {
+                pool += squares;
+            }
+        }
+        if k < events {
+            let pooled = bands.min(POOLED_BANDS);
+            out.stderr[layers.error_offset(k)] = (pool / (pooled * pooled) as f32).sqrt();
         }
     }
     let root_four_pi = std::f32::consts::PI.sqrt() * 2.0;
@@ -75,9 +95,13 @@ pub(super) fn combine(
     };
     out.degenerate = visible.iter().all(|&v| v == visible[0]);
     if out.degenerate {
-        // Replicates that agree say nothing of the error; the rule of three bounds it.
-        let floor = 3.0 / (points * REPLICATES) as f32;
-        out.stderr[0] = out.stderr[0].max(floor / root_four_pi);
+        // Replicates that agree may know nothing of the error. Had a share 3/N of the directions another fate, N
+        // paths would miss it with chance e⁻³ (the rule of three): so half of the interval reaches that far.
+        let bands = layers.bands()[0];
+        let floor = 3.0 / (points * REPLICATES) as f32 / half_interval_95(bands) as f32 / root_four_pi;
+        for error in &mut out.stderr[..bands.min(POOLED_BANDS)] {
+            *error = error.max(floor);
+        }
     }
 }
 

@@ -84,11 +84,13 @@ impl Settings {
 pub struct TexelEstimate {
     /// Layer-major coefficients.
     pub transfer: Vec<f32>,
-    /// Standard error of each layer and band, root mean square over the orders.
+    /// Standard error of each layer and band, root mean square over the orders; that of band 0 is pooled with those of
+    /// the next two. Half of a 95 % interval of a_k is sqrt(4π) times it times
+    /// [`half_interval_95`](crate::sampling::statistics::half_interval_95).
     pub stderr: Vec<f32>,
     /// Standard error of Σ_k a_k, the chance to escape within the stored layers.
     pub escape_stderr: f32,
-    /// Whether all replicates gave the same a_0; then `stderr` holds the floor of 3/N there.
+    /// Whether all replicates gave the same a_0; then half of its 95 % interval is at least 3/N.
     pub degenerate: bool,
     /// Rays that started into the solid and did not come out, and hits without a normal.
     pub lost: u32,
@@ -174,7 +176,7 @@ pub(super) fn estimate<T: Sample>(
         let pilot = PILOT_POINTS.min(points);
         scratch.clear(settings);
         let tally = extend(field, site, item, PILOT, 0, pilot, settings, scratch, counts);
-        combine(site.normal, settings, scratch, &tally.visible, pilot, out);
+        combine(site.normal, settings, scratch, &tally.visible, pilot, settings.layers.len(), out);
         out.pilot_rays = (pilot * REPLICATES) as u32;
         points = points.min(points_for(out, pilot, target.error));
     }
@@ -183,7 +185,7 @@ pub(super) fn estimate<T: Sample>(
     let mut done = 0;
     loop {
         tally += extend(field, site, item, 0, done, points, settings, scratch, counts);
-        combine(site.normal, settings, scratch, &tally.visible, points, out);
+        combine(site.normal, settings, scratch, &tally.visible, points, settings.layers.len(), out);
         (out.lost, out.trapped, out.rays) = (tally.lost, tally.trapped, (points * REPLICATES) as u32);
         match &settings.target {
             Some(target) if expected_error(out) > target.error && 2 * points <= settings.points() => {

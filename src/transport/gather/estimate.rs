@@ -85,7 +85,7 @@ impl<'a> Pass<'a> {
             }
         }
         let points = self.settings.points();
-        combine(site.normal, &self.settings, scratch, &visible, points, out);
+        combine(site.normal, &self.settings, scratch, &visible, points, 1, out);
         (out.rays, out.pilot_rays) = ((points * REPLICATES) as u32, 0);
     }
 
