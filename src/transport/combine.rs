@@ -1,10 +1,11 @@
 //! From the sums of the replicates to means and standard errors.
 
 use super::REPLICATES;
-use super::path::{Scratch, Settings, TexelEstimate};
+use super::path::{Scratch, Settings, Target, TexelEstimate};
 use crate::geom::Normal;
 use crate::sampling::statistics::{POOLED_BANDS, half_interval_95};
 use crate::sh;
+use crate::transfer::Layers;
 
 /// Means and standard errors from the sums of the replicates.
 ///
@@ -44,10 +45,8 @@ pub(super) fn combine(
             betas[r] = (all - visible[r]) as f32 * inverse / (REPLICATES - 1) as f32;
         }
     }
-    // Σ_k T_k,00 of each replicate, and what the target names.
+    // Σ_k T_k,00 of each replicate.
     let mut escapes = [0.0f32; REPLICATES];
-    let weights = settings.target.as_ref().map_or(&[][..], |target| &target.weights[..]);
-    let mut named = vec![[0.0f32; REPLICATES]; weights.len()];
     for k in 0..layers.len() {
         let bands = layers.bands()[k];
         let mut pool = 0.0;
@@ -68,11 +67,6 @@ pub(super) fn combine(
                         escapes[r] += values[r];
                     }
                 }
-                for (named, weights) in named.iter_mut().zip(weights) {
-                    for r in 0..REPLICATES {
-                        named[r] += weights[i] * values[r];
-                    }
-                }
                 let (mean, variance_of_mean) = mean_and_variance_of_mean(&values);
                 out.transfer[i] = mean;
                 squares += variance_of_mean;
@@ -89,10 +83,6 @@ pub(super) fn combine(
     }
     let root_four_pi = std::f32::consts::PI.sqrt() * 2.0;
     out.escape_stderr = root_four_pi * mean_and_variance_of_mean(&escapes).1.sqrt();
-    out.target_stderr = match settings.target {
-        Some(_) => named.iter().map(|n| mean_and_variance_of_mean(n).1).fold(0.0, f32::max).sqrt(),
-        None => out.escape_stderr,
-    };
     out.degenerate = visible.iter().all(|&v| v == visible[0]);
     if out.degenerate {
         // Replicates that agree may know nothing of the error. Had a share 3/N of the directions another fate, N
@@ -103,6 +93,31 @@ pub(super) fn combine(
             *error = error.max(floor);
         }
     }
+    out.target_stderr = match &settings.target {
+        Some(target) => target.weights.iter().map(|w| stated_variance(layers, w, out)).fold(0.0, f32::max).sqrt(),
+        None => stated_variance(layers, &Target::escape(layers, 0.0).weights[0], out).sqrt(),
+    };
+}
+
+/// Variance of Σ w_i T_i from the stated errors, as [`Target`] describes it.
+fn stated_variance(layers: &Layers, weights: &[f32], texel: &TexelEstimate) -> f32 {
+    let root_four_pi = std::f32::consts::PI.sqrt() * 2.0;
+    let escape = |k: usize| root_four_pi * texel.transfer[layers.offset(k)];
+    let mean = |k: usize| weights[layers.offset(k)] / root_four_pi;
+    let blocked = 1.0 - escape(0);
+    let continued: f32 = (1..layers.len()).map(|k| mean(k) * escape(k)).sum();
+    let continuation = if blocked > 1e-6 { continued / blocked } else { 0.0 };
+    let (mut sum, mut survival, mut last) = (0.0, 1.0, 0.0);
+    for k in 0..layers.len() {
+        let first = layers.offset(k);
+        let energy: f32 = weights[first..first + layers.bands()[k].pow(2)].iter().map(|w| w * w).sum();
+        let squared = energy / (root_four_pi * root_four_pi);
+        let variance = (root_four_pi * texel.stderr[layers.error_offset(k)]).powi(2);
+        sum += variance * (squared - 2.0 * continuation * mean(k) + continuation * continuation).max(0.0);
+        survival -= escape(k);
+        last = if escape(k) > 1e-3 { variance / escape(k) } else { 0.0 };
+    }
+    sum + last * survival.max(0.0) * continuation * continuation
 }
 
 /// T of a convex body: A_l/π Y_lm(n).
