@@ -140,11 +140,12 @@ fn bias(found: &Found, truth: &Found, which: usize) -> (f64, f64) {
     (running.mean(), running.standard_error())
 }
 
-/// Rays with which the ladder (rays, value) reaches `value`; values fall.
-fn rays_at(ladder: &[(f64, f64)], value: f64) -> f64 {
-    let after = ladder.iter().position(|p| p.1 <= value).unwrap_or(ladder.len() - 1).max(1);
-    let ((n0, v0), (n1, v1)) = (ladder[after - 1], ladder[after]);
-    (n0.ln() + (n1 / n0).ln() * (value / v0).ln() / (v1 / v0).ln()).exp()
+/// Rays with which the ladder (rays, value) reaches `value`; `None` beyond its ends and where it does not fall, as
+/// where all that is left is the rounding of the store.
+fn rays_at(ladder: &[(f64, f64)], value: f64) -> Option<f64> {
+    let between = ladder.windows(2).find(|p| (p[1].1..=p[0].1).contains(&value) && p[1].1 < 0.9 * p[0].1)?;
+    let ((n0, v0), (n1, v1)) = (between[0], between[1]);
+    Some((n0.ln() + (n1 / n0).ln() * (value / v0).ln() / (v1 / v0).ln()).exp())
 }
 
 fn main() -> isolume::Result<()> {
@@ -193,7 +194,7 @@ fn main() -> isolume::Result<()> {
             let share: Vec<String> = (0..5)
                 .map(|i| {
                     let column: Vec<(f64, f64)> = ladder.iter().map(|(n, c)| (*n, c[i])).collect();
-                    format!("{:.2}", rays / rays_at(&column, c[i]))
+                    rays_at(&column, c[i]).map_or("-".into(), |uniform| format!("{:.2}", rays / uniform))
                 })
                 .collect();
             shares.push(format!("{name},{target},{rays:.1},{}", share.join(",")));
