@@ -4,7 +4,9 @@
 mod common;
 
 use common::{Baked, bake_texels, pick, settings};
-use isolume::sampling::statistics::{Running, T_QUANTILE_95_3, log_log_slope, relative_rms, rms, rms_over_mean, sidak};
+use isolume::sampling::statistics::{
+    Running, half_interval_95, log_log_slope, relative_rms, rms, rms_over_mean, sidak,
+};
 use isolume::volume::Volume;
 use isolume::volume::field::{BumpBox, SphereOverPlane, sample};
 
@@ -117,13 +119,14 @@ fn estimates_are_unbiased_and_their_intervals_cover() {
                     }
                     for k in 0..3 {
                         let (truth, a, e) = (reference.escape(t, k), baked.escape(t, k), baked.escape_error(t, k));
-                        let floor = 3.0 / f64::from(rays);
+                        let factor = half_interval_95(bands[k]);
+                        let floor = 3.0 / f64::from(rays) / factor;
                         if truth < 0.02 || e == 0.0 || (k == 0 && (e - floor).abs() < 1e-3 * floor) {
                             equal[k] += 1;
                             continue;
                         }
                         asked[k] += 1;
-                        covered[k] += u32::from((a - truth).abs() <= T_QUANTILE_95_3 * e);
+                        covered[k] += u32::from((a - truth).abs() <= factor * e);
                     }
                 }
                 sums.into_iter().enumerate().for_each(|(c, v)| means[c].push(v));

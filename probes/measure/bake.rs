@@ -57,7 +57,7 @@ fn main() -> isolume::Result<()> {
     println!("a_k {:?}, lost {:.5}", summary.mean_escapes(), summary.lost_share());
     println!(
         "paths a texel {:.1}; standard error of sum a_k: median {:.4}, 95th percentile {:.4}, largest {:.4}, RMS {:.5}",
-        (summary.paths + summary.pilot_paths) as f64 / summary.valid.max(1) as f64,
+        summary.paths as f64 / summary.valid.max(1) as f64,
         summary.errors.quantile(0.5),
         summary.errors.quantile(0.95),
         summary.errors.quantile(1.0),

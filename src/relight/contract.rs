@@ -1,9 +1,10 @@
 //! Contraction: the dot product of every touched texel's transfer with the light.
 
+use super::noise::{NoiseWeights, TailRadiance};
 use super::{Light, Material, Tail};
 use crate::error::Result;
 use crate::transfer::{BRICK, BRICK_TEXELS, BrickSource, BrickView, Lattice, Layers, MAX_LAYERS, validity};
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
@@ -23,8 +24,10 @@ pub struct Contracted {
     pub emission_remainder: f32,
 }
 
-/// Standard error of the contracted radiance (mean of the channels), from the stored standard errors:
-/// σ² = Σ_k ρ^(2(k+1)) Σ_l σ_kl² Σ_m L_lm², which takes the coefficients as uncorrelated.
+/// Standard error σ of the contracted radiance (mean of the channels), from the stored standard errors: paths that by
+/// chance end elsewhere trade what they bring from one direction for what the others bring in the mean,
+/// σ² = Σ_k v_k E_k[(G_k − C)²], derived in `relight/noise.rs`. Half of a 95 % interval of the radiance of a texel is
+/// σ times [`half_interval_95`](crate::sampling::statistics::half_interval_95) of the bands of layer 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Noise {
     /// Root mean square of σ over the texels.
@@ -46,14 +49,12 @@ const NO_BRICK: u32 = u32::MAX;
 
 /// The weights of one contraction.
 pub(super) struct Weights {
-    // Per coefficient: ρ^(k+1) L_i for the three channels; zero where the light has no such band.
+    // Per coefficient: ρ^(k+1) L_i for the three channels, zero where the light has no such band; and what
+    // `noise` puts there.
     rows: Vec<Vec4>,
-    // First coefficient of the last layer.
-    last: usize,
     // Coefficients of each layer that the light reaches, as (offset, count).
     spans: Vec<(usize, usize)>,
-    // Per layer and band: Σ_m ρ^(2(k+1)) L_lm², mean over the channels.
-    variance: Vec<f32>,
+    noise: NoiseWeights,
     albedo: [f32; 3],
     emission: [f32; 3],
 }
@@ -61,47 +62,37 @@ pub(super) struct Weights {
 impl Weights {
     pub(super) fn new(layers: &Layers, light: &Light, material: &Material) -> Self {
         let mut rows = vec![Vec4::ZERO; layers.coefficients()];
-        let mut variance = vec![0.0; layers.errors()];
-        let mut spans = Vec::new();
+        let mut reached: Vec<usize> = Vec::with_capacity(layers.len());
         let mut power = material.albedo.map(f64::from);
         for (k, &bands) in layers.bands().iter().enumerate() {
-            let reached = bands.min(light.used_bands(k));
-            spans.push((layers.offset(k), reached * reached));
-            for l in 0..reached {
-                let mut energy = 0.0;
-                for i in l * l..(l + 1) * (l + 1) {
-                    let w: [f64; 3] = std::array::from_fn(|c| power[c] * light.coefficients(k)[i][c]);
-                    rows[layers.offset(k) + i] = Vec4::new(w[0] as f32, w[1] as f32, w[2] as f32, 0.0);
-                    // Variance of the mean of the channels: they share the transfer's noise.
-                    energy += ((w[0] + w[1] + w[2]) / 3.0).powi(2);
-                }
-                variance[layers.error_offset(k) + l] = energy as f32;
+            reached.push(bands.min(light.used_bands(k)));
+            for i in 0..reached[k] * reached[k] {
+                let w: [f64; 3] = std::array::from_fn(|c| power[c] * light.coefficients(k)[i][c]);
+                rows[layers.offset(k) + i] = Vec4::new(w[0] as f32, w[1] as f32, w[2] as f32, 0.0);
             }
             for c in 0..3 {
                 power[c] *= f64::from(material.albedo[c]);
             }
         }
-        let last = layers.offset(layers.len() - 1);
-        Self { rows, last, spans, variance, albedo: material.albedo, emission: material.emission }
+        let noise = NoiseWeights::new(layers, light, material, &mut rows, &mut reached);
+        let spans = reached.iter().enumerate().map(|(k, b)| (layers.offset(k), b * b)).collect();
+        Self { rows, spans, noise, albedo: material.albedo, emission: material.emission }
     }
 
-    /// Radiance of one texel, and the emission left out.
+    /// Radiance of one texel.
     #[inline]
-    pub(super) fn texel(&self, transfer: &[f32], layers: &Layers) -> (Vec4, f32) {
+    pub(super) fn texel(&self, transfer: &[f32], layers: &Layers) -> TexelRadiance {
         let mut sum = Vec4::ZERO;
-        let mut last = Vec4::ZERO;
-        for &(offset, count) in &self.spans {
-            let mut layer = Vec4::ZERO;
+        let mut contracted = [Vec4::ZERO; MAX_LAYERS];
+        for (layer, &(offset, count)) in contracted.iter_mut().zip(&self.spans) {
             for (t, w) in transfer[offset..offset + count].iter().zip(&self.rows[offset..offset + count]) {
-                layer += *w * *t;
+                *layer += *w * *t;
             }
-            if offset == self.last {
-                last = layer;
-            }
-            sum += layer;
+            sum += *layer;
         }
+        let mut out = TexelRadiance { rgb: sum.truncate(), contracted, tail: TailRadiance::default(), left_out: 0.0 };
         if layers.len() < 2 && self.emission == [0.0; 3] {
-            return (sum, 0.0);
+            return out;
         }
         let mut escapes = [0.0f32; MAX_LAYERS];
         for k in 0..layers.len() {
@@ -109,29 +100,37 @@ impl Weights {
         }
         let escapes = &escapes[..layers.len()];
         let tail = Tail::new(escapes);
-        let gain = Vec4::new(tail.gain(self.albedo[0]), tail.gain(self.albedo[1]), tail.gain(self.albedo[2]), 0.0);
-        sum += last * gain;
-        let mut left_out = 0.0f32;
+        let last = contracted[layers.len() - 1].truncate();
+        let beyond = last * Vec3::from_array(self.albedo.map(|albedo| tail.gain(albedo)));
+        out.rgb += beyond;
+        let slope = last * Vec3::from_array(self.albedo.map(|albedo| tail.gain_slope(albedo)));
+        out.tail = TailRadiance {
+            beyond: beyond.element_sum() * (1.0 / 3.0),
+            slope: slope.element_sum() * (1.0 / 3.0),
+            ratio_slopes: tail.ratio_slopes(),
+            survival: tail.survival(),
+        };
         if self.emission != [0.0; 3] {
             for c in 0..3 {
                 let (factor, remainder) = tail.emission(escapes, self.albedo[c]);
-                sum[c] += self.emission[c] * factor;
+                out.rgb[c] += self.emission[c] * factor;
                 if self.emission[c] > 0.0 {
-                    left_out = left_out.max(remainder);
+                    out.left_out = out.left_out.max(remainder);
                 }
             }
         }
-        (sum, left_out)
+        out
     }
+}
 
-    fn variance(&self, stderr: &[half::f16]) -> f32 {
-        let mut sum = 0.0;
-        for (w, s) in self.variance.iter().zip(stderr) {
-            let s = s.to_f32();
-            sum += w * s * s;
-        }
-        sum
-    }
+/// What contraction makes of one texel.
+pub(super) struct TexelRadiance {
+    pub(super) rgb: Vec3,
+    // ⟨T_k, L⟩ of each layer with its albedo; in the fourth lane ⟨T_k, G_k²⟩, see `noise`.
+    contracted: [Vec4; MAX_LAYERS],
+    tail: TailRadiance,
+    // Emission that the sum leaves out.
+    left_out: f32,
 }
 
 /// What one brick gave.
@@ -204,14 +203,16 @@ fn contract_brick(
             continue;
         }
         stored.convert_to_f32_slice(buffer);
-        let (rgb, left_out) = weights.texel(buffer, layers);
+        let texel = weights.texel(buffer, layers);
+        let rgb = texel.rgb;
         *out = [rgb.x, rgb.y, rgb.z, 1.0];
-        let variance = weights.variance(&view.stderr[t * errors..(t + 1) * errors]);
+        let stderr = &view.stderr[t * errors..(t + 1) * errors];
+        let variance = weights.noise.variance(buffer, &texel.contracted, &texel.tail, stderr);
         out_errors[t] = variance.sqrt();
         totals.variance += f64::from(variance);
         totals.radiance += f64::from(rgb.x + rgb.y + rgb.z) / 3.0;
         totals.texels += 1;
-        totals.left_out = totals.left_out.max(left_out);
+        totals.left_out = totals.left_out.max(texel.left_out);
     }
     totals
 }

@@ -14,6 +14,7 @@ mod contract;
 mod exposure;
 mod light;
 mod lookup;
+mod noise;
 mod tail;
 mod window;
 

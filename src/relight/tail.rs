@@ -10,6 +10,8 @@
 pub struct Tail {
     /// Ratio of successive layers beyond the last; 0 = no tail.
     pub ratio: f32,
+    /// a_{K−1}.
+    before: f32,
     /// a_K.
     last: f32,
     /// S_{K+1}.
@@ -21,11 +23,11 @@ impl Tail {
     pub fn new(escapes: &[f32]) -> Self {
         let survival = (1.0 - escapes.iter().sum::<f32>()).max(0.0);
         let [.., before, last] = escapes else {
-            return Self { ratio: 0.0, last: escapes.first().copied().unwrap_or(0.0), survival };
+            return Self { ratio: 0.0, before: 0.0, last: escapes.first().copied().unwrap_or(0.0), survival };
         };
         let (before, last) = (*before, *last);
         let ratio = if before > 0.0 && last > 0.0 { (last / before).min(survival / (survival + last)) } else { 0.0 };
-        Self { ratio, last, survival }
+        Self { ratio, before, last, survival }
     }
 
     /// Factor g of the tail: beyond the last layer's ρ^(K+1)⟨T_K, L⟩ comes g times it, g = ρ r/(1 − ρ r).
@@ -33,6 +35,33 @@ impl Tail {
     pub fn gain(&self, albedo: f32) -> f32 {
         let x = albedo * self.ratio;
         x / (1.0 - x)
+    }
+
+    /// ∂g/∂r of the gain.
+    #[inline(always)]
+    pub(super) fn gain_slope(&self, albedo: f32) -> f32 {
+        let rest = 1.0 - albedo * self.ratio;
+        albedo / (rest * rest)
+    }
+
+    /// ∂r/∂a_{K−1}, ∂r/∂a_K and ∂r/∂S_{K+1}, each of the others held; zeros where there is no tail.
+    #[inline]
+    pub(super) fn ratio_slopes(&self) -> [f32; 3] {
+        if self.ratio <= 0.0 {
+            return [0.0; 3];
+        }
+        let all = self.survival + self.last;
+        if self.last * all <= self.survival * self.before {
+            [-self.ratio / self.before, self.ratio / self.last, 0.0]
+        } else {
+            [0.0, -self.survival / (all * all), self.last / (all * all)]
+        }
+    }
+
+    /// S_{K+1}, the chance to survive all stored layers.
+    #[inline(always)]
+    pub(super) fn survival(&self) -> f32 {
+        self.survival
     }
 
     /// Exitant radiance per emitted radiance,

@@ -224,7 +224,8 @@ pub struct Layout {
 pub struct Brick {
     /// 512 × coefficients, coefficient fastest, x next.
     pub transfer: Vec<f16>,
-    /// 512 × errors: standard error of each layer and band, root mean square over the orders.
+    /// 512 × errors: standard error of each layer and band, root mean square over the orders; an estimator may pool
+    /// bands (see [`crate::sampling::statistics::stored_degrees`]).
     pub stderr: Vec<f16>,
     /// 512 flags, see [`validity`].
     pub validity: Vec<u8>,

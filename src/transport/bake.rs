@@ -226,7 +226,6 @@ fn tally(texel: &TexelEstimate, clamped: bool, summary: &mut Summary) {
     summary.clamped += u64::from(clamped);
     summary.degenerate += u64::from(texel.degenerate);
     summary.paths += u64::from(texel.rays);
-    summary.pilot_paths += u64::from(texel.pilot_rays);
     summary.lost += u64::from(texel.lost);
     summary.trapped += u64::from(texel.trapped);
     summary.escape_variance += f64::from(texel.escape_stderr).powi(2);

@@ -16,8 +16,6 @@ pub struct Summary {
     pub degenerate: u64,
     /// Paths that the estimates are made of.
     pub paths: u64,
-    /// Paths of the pilots of texels with a target, traced beside these.
-    pub pilot_paths: u64,
     /// Rays that started into the solid and did not come out; their paths go on from the same place.
     pub lost: u64,
     /// Paths still travelling after the last stored layer.
@@ -100,7 +98,6 @@ impl Summary {
         self.clamped += other.clamped;
         self.degenerate += other.degenerate;
         self.paths += other.paths;
-        self.pilot_paths += other.pilot_paths;
         self.lost += other.lost;
         self.trapped += other.trapped;
         self.counts += other.counts;

@@ -5,7 +5,7 @@ use super::path::{Scratch, estimate};
 use super::*;
 use crate::geom::Affine;
 use crate::level::{Counts, LevelField, Pyramid};
-use crate::sampling::statistics::Running;
+use crate::sampling::statistics::{Running, half_interval_95};
 use crate::sh::{self, Coefficients};
 use crate::transfer::Layers;
 use crate::volume::{Samples, Volume};
@@ -99,7 +99,8 @@ fn a_convex_sphere_has_the_transfer_of_the_clamped_cosine() {
             }
             // Nothing is hidden, so the control variate takes all noise away and the floor speaks.
             assert!(texel.degenerate && texel.lost == 0 && texel.trapped == 0);
-            assert!((texel.stderr[0] - 3.0 / 16.0 / (2.0 * PI.sqrt())).abs() < 1e-6);
+            let half_interval = half_interval_95(5) as f32 * texel.stderr[0] * 2.0 * PI.sqrt();
+            assert!((half_interval - 3.0 / 16.0).abs() < 1e-6);
         },
     );
     // The B-spline keeps a radial field radial up to terms of the order R⁻⁴ = 5⁻⁴.

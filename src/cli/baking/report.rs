@@ -95,7 +95,6 @@ impl Report {
             "goal": self.goal,
             "counts": { "nodes": s.counts.nodes, "cells": s.counts.cells, "solves": s.counts.solves },
             "paths": s.paths,
-            "pilot_paths": s.pilot_paths,
             "lost_share": s.lost_share(),
             "trapped_share": s.trapped as f64 / s.paths.max(1) as f64,
             "mean_escapes": s.mean_escapes(),

@@ -85,8 +85,8 @@ impl<'a> Pass<'a> {
             }
         }
         let points = self.settings.points();
-        combine(site.normal, &self.settings, scratch, &visible, points, out);
-        (out.rays, out.pilot_rays) = ((points * REPLICATES) as u32, 0);
+        combine(site.normal, &self.settings, scratch, &visible, points, 1, out);
+        out.rays = (points * REPLICATES) as u32;
     }
 
     /// Follows a path from a hit where the cache has nothing until it has, or the path ends.
