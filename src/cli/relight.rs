@@ -427,7 +427,7 @@ const DRAFT_RAYS: u32 = 16;
 /// Paths from which on a bake gets a draft: a few seconds on two cores.
 const DRAFT_FROM_PATHS: u64 = 1 << 23;
 /// Share of the texels of a texture from which on a draft of half the resolution comes first.
-const DRAFT_SHARE: f64 = 0.08;
+const DRAFT_SHARE: f64 = 0.05;
 
 impl Context<'_> {
     fn light(&self, surface: &Surface, probe: &Probe, target: Target) -> Outcome<Written> {
