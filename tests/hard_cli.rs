@@ -67,7 +67,13 @@ fn what_has_no_surface_is_an_error_or_with_allow_empty_an_empty_valid_file() {
     let said = bench.refuses(&format!("relight ramp.npy --isovalue 500 {RELIGHT} -o a.glb"));
     assert!(said.contains("500") && said.contains("0 to 119"), "{said}");
     assert!(bench.refuses("bake flat.npy --isovalues 7 --rays 4 -o a.isolume").contains("no surface"));
+    assert!(bench.refuses("bake flat.npy --rays 4 -o a.isolume").contains("no surface"));
     assert!(!bench.path("a.glb").exists() && !bench.path("a.isolume").exists());
+
+    bench.succeeds("bake flat.npy --rays 4 -o empty.isolume --allow-empty");
+    bench.succeeds("bake flat.npy --isovalues 7 --rays 4 -o empty.isolume --allow-empty");
+    assert!(bench.succeeds("doctor empty.isolume").contains("nothing baked"));
+    bench.succeeds(&format!("relight empty.isolume --isovalue 7 {RELIGHT} -o e.glb --allow-empty"));
 
     for (volume, isovalue) in [("flat", "7"), ("flat", "auto"), ("flat", "3"), ("ramp", "500")] {
         for ending in ["glb", "ply", "png"] {

@@ -54,6 +54,9 @@ pub(super) struct Bake {
     chunks: Option<Share>,
     #[command(flatten)]
     volume: VolumeArgs,
+    /// Make an empty store, instead of an error, of a volume without any surface
+    #[arg(long)]
+    allow_empty: bool,
     /// Replace a store that is there
     #[arg(long)]
     force: bool,
@@ -78,7 +81,12 @@ impl Bake {
         if let Some(texel) = self.replay_texel {
             return replay::run(volume, &layout, &settings, texel, console);
         }
-        let chosen = self.bake.isovalues(volume, opened.default_isovalue)?;
+        let chosen = if self.is_empty(volume)? {
+            console.note("every sample is the same: no surface, the store is empty");
+            None
+        } else {
+            self.bake.isovalues(volume, opened.default_isovalue)?
+        };
         for isovalue in chosen.iter().flatten() {
             if let Some(reason) = &isovalue.reason {
                 console.note(format!("isovalue {}: {reason}", isovalue.value));
@@ -111,6 +119,21 @@ impl Bake {
 }
 
 impl Bake {
+    /// Whether the volume has no surface at all, which `--allow-empty` accepts.
+    fn is_empty(&self, volume: &Volume) -> Outcome<bool> {
+        let (low, high) = volume.value_range();
+        if low < high || self.allow_empty {
+            return Ok(low >= high);
+        }
+        Err(crate::Error::argument(
+            "volume",
+            format!("{}, all of whose samples are {low}", volume.name),
+            "samples that differ",
+            "a constant volume has no surface; --allow-empty makes an empty store of it",
+        )
+        .into())
+    }
+
     /// The environment that errors are measured by.
     fn light(&self, volume: &Volume, layout: &Layout) -> Outcome<Option<ForLight>> {
         let Some(name) = &self.for_env else { return Ok(None) };

@@ -189,7 +189,8 @@ pub(super) fn check_memory(what: &str, needed: u64, limit: Option<u64>) -> Resul
         what: what.into(),
         needed: text::bytes(needed as f64),
         limit: text::bytes(limit as f64),
-        remedy: "raise --memory-limit, or lower --texture, --layers or --bands".into(),
+        remedy: "raise --memory-limit, or lower --texture, --layers or --bands, or give fewer --isovalues at a time"
+            .into(),
     })
 }
 

@@ -330,6 +330,7 @@ impl<'a> Work<'a> {
         let mut files = files.into_iter();
         for &isovalue in &self.isovalues {
             let surface = Surface::new(self.volume, &self.pyramid, source.store.layout().lattice, isovalue)?;
+            surface.check_memory(self.volume, self.command.transfer.memory_limit)?;
             for (probe, target) in self.probes.iter().zip(files.by_ref()) {
                 written.push(context.light(&surface, probe, target)?);
             }

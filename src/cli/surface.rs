@@ -1,5 +1,6 @@
 //! A surface ready to be lit: mesh, normals, and the bricks that its lookups read.
 
+use super::{options, text};
 use crate::error::Result;
 use crate::export::{ExportMesh, Positions, StandardError};
 use crate::geom::Up;
@@ -7,7 +8,7 @@ use crate::level::{LevelField, Pyramid};
 use crate::relight::texels_of_isosurface;
 use crate::render::{Camera, Projection, View};
 use crate::surface::{Mesh, extract_with_normals};
-use crate::transfer::Lattice;
+use crate::transfer::{BRICK_TEXELS, Lattice};
 use crate::volume::{LengthUnit, Sample, Volume};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -41,6 +42,21 @@ impl Surface {
         let start = Instant::now();
         let bricks = texels_of_isosurface(volume, lattice, isovalue).bricks();
         Ok(Self { isovalue, mesh, positions, normals, bricks, extract_time, select_time: start.elapsed() })
+    }
+
+    /// Refuses what would take more memory than allowed: the volume with its pyramid, the contracted bricks, and the
+    /// mesh with its colours, once more while it is written.
+    pub(super) fn check_memory(&self, volume: &Volume, limit: Option<u64>) -> Result<()> {
+        // Radiance, weight and standard error of a texel; two positions, two normals, radiance, colour, error and what
+        // is written of a vertex; a triangle, twice.
+        const TEXEL: u64 = 20;
+        const VERTEX: u64 = 4 * 12 + 12 + 12 + 4 + 12 + 12 + 8 + 16;
+        const TRIANGLE: u64 = 24;
+        let volume = volume.samples().bytes().len() as u64 / 4 * 5;
+        let contracted = self.bricks.len() as u64 * BRICK_TEXELS as u64 * TEXEL;
+        let mesh = self.mesh.positions_in_grid.len() as u64 * VERTEX + self.mesh.triangles.len() as u64 * TRIANGLE;
+        let what = format!("relighting isovalue {}", text::number(self.isovalue, 8));
+        options::check_memory(&what, volume + contracted + mesh, limit)
     }
 
     /// The mesh as the writers take it; `radiance` comes with its standard errors.
