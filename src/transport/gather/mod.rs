@@ -69,7 +69,7 @@ pub struct GatherSettings {
 
 impl Default for GatherSettings {
     /// 2 passes, 16 rays, 2 GiB, f16, 512 texels: more passes cost time and save little
-    /// (`probes/record/2026-11-22-2core/gather`).
+    /// (`probes/record/2026-11-22-xeon-2core-gather`).
     fn default() -> Self {
         Self { passes: 2, cache_rays: 16, memory_limit: 2 << 30, precision: CachePrecision::Half, bias_texels: 512 }
     }
