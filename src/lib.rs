@@ -56,11 +56,12 @@
 //! | [`level`] | rays with an isovalue for life, the min/max pyramid, roots in a cell, B-spline normals | light, SH, random numbers |
 //! | [`scene`] | materials over the isovalue, the encoding of colours, the plan of effects | solvers' insides |
 //! | [`transfer`] | lattice, layers, bricks, selections, the store on disk | how transfer was computed; probes |
-//! | [`transport`] | the estimator, error bars, the one parallel loop | probes, meshes, files |
+//! | [`transport`] | the estimators, error bars, the parallel loop, path tracing of one surface as reference | probes, meshes, files |
 //! | [`probe`] | environment images, skies, projection, orientation | volumes, transfer |
 //! | [`surface`] | extraction of watertight meshes | light, SH, transfer |
 //! | [`relight`] | the runtime: contraction, lookup, albedo, emission, exposure | rays, solvers, files |
 //! | [`render`] | camera rays for previews | solvers |
+//! | [`mod@compare`] | the store against paths on the same surface, the budget of its errors | files |
 //! | [`export`] | GLB, PLY, PNG, contact sheets, atomic files | volumes, SH, light |
 //! | [`cli`] | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
 //!
@@ -89,6 +90,7 @@ pub mod probe;
 pub mod surface;
 pub mod relight;
 pub mod render;
+pub mod compare;
 pub mod export;
 pub mod cli;
 

@@ -19,6 +19,7 @@ macro_rules! with_samples {
 
 mod baking;
 mod bake;
+mod compare;
 mod console;
 mod demo;
 mod doctor;
@@ -80,6 +81,7 @@ enum Command {
     Plan(plan::Plan),
     Bake(Box<bake::Bake>),
     Merge(merge::Merge),
+    Compare(compare::Compare),
     Relight(Box<relight::Relight>),
     Env(env::Env),
 }
@@ -144,6 +146,7 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         Command::Plan(command) => command.run(seed, console),
         Command::Bake(command) => command.run(seed, console),
         Command::Merge(command) => command.run(console),
+        Command::Compare(command) => command.run(seed, console),
         Command::Relight(command) => command.run(seed, console),
         Command::Env(command) => command.run(console),
     }

@@ -57,7 +57,7 @@ pub(super) enum Texture {
     Texels([usize; 3]),
 }
 
-fn parse_rays(text: &str) -> std::result::Result<u32, String> {
+pub(super) fn parse_rays(text: &str) -> std::result::Result<u32, String> {
     let rays: u32 = text.parse().map_err(|_| "give a power of two such as 64".to_string())?;
     if rays.is_power_of_two() && (REPLICATES as u32..=1 << 20).contains(&rays) {
         Ok(rays)

@@ -235,6 +235,33 @@ fn tally(texel: &TexelEstimate, clamped: bool, summary: &mut Summary) {
     }
 }
 
+/// The estimates of single texels as `path` makes them, before they are rounded for storage: each a texel and its
+/// number of paths, a multiple of 4. `None` for a texel without a level set. The selection is not asked.
+///
+/// # Errors
+/// As [`bake`]; a number of paths that is not a multiple of 4.
+pub fn estimates(bake: &Bake<'_>, texels: &[([usize; 3], u32)]) -> Result<Vec<Option<TexelEstimate>>> {
+    bake.check()?;
+    if let Some((_, rays)) = texels.iter().find(|(_, rays)| *rays == 0 || rays % super::REPLICATES as u32 != 0) {
+        return Err(Error::argument("rays", rays, "a multiple of 4", "take what the store says of the texel"));
+    }
+    let [mx, my, _] = bake.layout.lattice.texels();
+    Ok(with_samples!(bake.volume.samples(), s => {
+        let field = LevelField::new(bake.volume, s, bake.pyramid);
+        texels
+            .par_iter()
+            .map_init(Scratch::default, |scratch, &(texel, rays)| {
+                let site = field.site(bake.layout.lattice.grid_from_texel(texel))?;
+                let settings = Settings { rays, target: None, ..bake.settings.clone() };
+                let item = (texel[0] + mx * (texel[1] + my * texel[2])) as u64;
+                let mut out = TexelEstimate::default();
+                estimate(&field, &site, item, &settings, scratch, &mut Counts::default(), &mut out);
+                Some(out)
+            })
+            .collect()
+    }))
+}
+
 /// Bakes whole bricks and keeps nothing but the totals: what a bake costs and how exact it is, before the real one.
 ///
 /// Unlike [`pilot`] it works in the order of a bake, so that the time it takes scales with the texels.

@@ -12,6 +12,7 @@
 
 mod bake;
 mod combine;
+mod direct;
 mod gather;
 mod path;
 mod replay;
@@ -20,7 +21,8 @@ mod summary;
 #[cfg(test)]
 mod tests;
 
-pub use bake::{Bake, BrickOutput, Progress, bake, bake_brick, pilot, trial};
+pub use bake::{Bake, BrickOutput, Progress, bake, bake_brick, estimates, pilot, trial};
+pub use direct::{DirectSettings, Radiance, SurfacePoint, direct};
 pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};
 pub use path::{Settings, Target, TexelEstimate, radiance_weights};
 pub use replay::{ReplayedPath, replay};

@@ -1,0 +1,250 @@
+//! The answer of the store against direct results on the same surface, and why they differ.
+//!
+//! # The chain
+//! From the truth to what a user sees, one approximation at a time, all at the same points:
+//!
+//! 1. paths under the whole light ([`direct`]: no texture, no spherical harmonics);
+//! 2. the same paths under the light cut to the bands of the store: the difference is *truncation*;
+//! 3. texels baked with many rays, interpolated: *texture*, which holds the interpolation between texels, the layers' own
+//!    band limits, and the tail beyond the last layer;
+//! 4. texels baked as the store's were, before rounding: *noise* of the bake (for `gather` its bias, too);
+//! 5. the store itself, through contraction and lookup: *rounding*.
+//!
+//! Mean squares of the differences do not add up to that of the whole, since neighbours in the chain may be correlated;
+//! what is missing is a row of its own, so that the rows sum to the total.
+
+mod slow;
+
+#[cfg(test)]
+mod tests;
+
+use crate::error::{Error, Result};
+use crate::geom::Direction;
+use crate::level::Pyramid;
+use crate::relight::{Light, LookupReport, Material, contract, texels_of_isosurface};
+use crate::sampling::{DirectionSample, DirectionalSource};
+use crate::sh::{self, Coefficients};
+use crate::transfer::BrickSource;
+use crate::transport::{DirectSettings, Radiance, Settings, SurfacePoint, direct};
+use crate::volume::Volume;
+
+/// What is compared.
+pub struct Question<'a> {
+    /// The volume.
+    pub volume: &'a Volume,
+    /// Its pyramid.
+    pub pyramid: &'a Pyramid,
+    /// The baked texture.
+    pub texture: &'a dyn BrickSource,
+    /// How it was baked: seed, positive, layers; `None` if not by `path`, so that its texels cannot be made again.
+    pub baked_by: Option<&'a Settings>,
+    /// In the file's values.
+    pub isovalue: f64,
+    /// Where radiance is compared.
+    pub points: &'a [SurfacePoint],
+    /// The whole light.
+    pub light: &'a dyn DirectionalSource,
+    /// The same light cut to the bands of the texture, in world axes.
+    pub coefficients: &'a [Coefficients; 3],
+    /// Diffuse reflectance of each channel.
+    pub albedo: [f32; 3],
+    /// Paths at each point.
+    pub paths: u32,
+    /// Paths for each texel of the third link of the chain.
+    pub texel_rays: u32,
+    /// Seed of the references.
+    pub seed: u64,
+}
+
+/// One number with half of its 95 % interval, from the spread over the points.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Figure {
+    /// The estimate.
+    pub value: f64,
+    /// Half of the interval.
+    pub half_interval: f64,
+}
+
+/// How far the store is from the reference.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Distance {
+    /// Root mean square of the difference of linear radiance, channels together, over the mean of the reference.
+    pub relative_rms: Figure,
+    /// The same without the noise of the reference.
+    pub relative_rms_without_noise: f64,
+    /// Mean of the difference over the mean of the reference.
+    pub bias: Figure,
+    /// 95th percentile and maximum of the largest difference of any channel, over the mean of the reference.
+    pub percentile_95: f64,
+    /// See `percentile_95`.
+    pub maximum: f64,
+    /// Root mean square in percent of white after the reference's exposure, both clamped to [0, 1] (the measure of
+    /// Beason 2005).
+    pub rms_percent: f64,
+}
+
+/// One approximation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BudgetRow {
+    /// truncation, texture, noise, rounding, cross terms.
+    pub name: &'static str,
+    /// Mean square over the points and channels, over the squared mean of the reference; negative only for the cross
+    /// terms.
+    pub mean_square: f64,
+}
+
+/// The answer.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Comparison {
+    /// Mean radiance of the reference.
+    pub mean: f64,
+    /// The store against paths under the whole light.
+    pub whole: Distance,
+    /// The store against paths under the light cut to its bands.
+    pub band_limited: Distance,
+    /// The rows; they sum to the mean square of the whole difference.
+    pub budget: Vec<BudgetRow>,
+    /// Root mean square of the standard error of the reference, over its mean; it is in the first rows.
+    pub reference_noise: f64,
+    /// How the lookups went.
+    pub lookups: LookupReport,
+    /// Rays of the references.
+    pub rays: u64,
+    /// Radiance at each point by the store and by paths under the whole light.
+    pub at_points: Vec<[[f64; 3]; 2]>,
+}
+
+/// Light of a band limit: what its coefficients say, negative lobes included. Not sampled: it is smooth.
+pub struct BandLimited<'a>(pub &'a [Coefficients; 3]);
+
+impl DirectionalSource for BandLimited<'_> {
+    fn sample(&self, _: [f32; 2]) -> Option<DirectionSample> {
+        None
+    }
+
+    fn density(&self, _: Direction) -> f32 {
+        0.0
+    }
+
+    fn radiance(&self, direction: Direction) -> [f32; 3] {
+        let mut basis = [0.0f32; sh::MAX_BANDS * sh::MAX_BANDS];
+        sh::basis::evaluate_f32(self.0[0].bands(), direction.vec(), &mut basis);
+        std::array::from_fn(|c| self.0[c].values().iter().zip(&basis).map(|(&l, &y)| l as f32 * y).sum())
+    }
+}
+
+/// Compares.
+///
+/// # Errors
+/// When there are no points, a texel that a lookup needs was not baked, or as [`direct`] and the texture.
+pub fn compare(question: &Question<'_>) -> Result<Comparison> {
+    let q = question;
+    if q.points.is_empty() {
+        return Err(Error::argument("points", 0, "at least one point of a surface", "give another isovalue"));
+    }
+    let settings = DirectSettings { paths: q.paths, albedo: q.albedo, seed: q.seed };
+    let limited = BandLimited(q.coefficients);
+    let lights: [&dyn DirectionalSource; 2] = [q.light, &limited];
+    let (references, counts) = direct(q.volume, q.pyramid, q.isovalue, q.points, &lights, &settings)?;
+    let [whole, cut] = [0, 1].map(|l| references[l].iter().map(|r| r.mean).collect::<Vec<_>>());
+    let (stored, lookups) = by_store(q)?;
+    if lookups.unbaked > 0 {
+        return Err(Error::argument(
+            "isovalue",
+            format!(
+                "{}: {} of {} lookups meet texels that were never baked",
+                q.isovalue, lookups.unbaked, lookups.lookups
+            ),
+            "an isovalue that the store holds",
+            "bake it into the store first",
+        ));
+    }
+    let [fine, again] = slow::interpolated(q, &stored)?;
+    let links = [&whole, &cut, &fine, &again, &stored];
+    let mean = whole.iter().flatten().sum::<f64>() / (3 * whole.len()) as f64;
+    let noise = |references: &[Radiance]| {
+        references.iter().flat_map(|r| r.stderr).map(|e| e * e).sum::<f64>() / (3 * references.len()) as f64
+    };
+    Ok(Comparison {
+        mean,
+        whole: distance(&stored, &whole, noise(&references[0])),
+        band_limited: distance(&stored, &cut, noise(&references[1])),
+        budget: budget(&links, mean, q.baked_by.is_some()),
+        reference_noise: noise(&references[0]).sqrt() / mean,
+        lookups,
+        rays: counts.rays,
+        at_points: stored.iter().zip(&whole).map(|(s, w)| [*s, *w]).collect(),
+    })
+}
+
+/// What a user gets.
+fn by_store(q: &Question<'_>) -> Result<(Vec<[f64; 3]>, LookupReport)> {
+    let light = Light::from_channels(q.coefficients)?;
+    let material = Material::new(q.albedo, [0.0; 3])?;
+    let bricks = texels_of_isosurface(q.volume, q.texture.layout().lattice, q.isovalue).bricks();
+    let contracted = contract(q.texture, &bricks, &light, &material)?;
+    let positions: Vec<[f32; 3]> = q.points.iter().map(|p| p.position_in_grid).collect();
+    let normals: Vec<[f32; 3]> = q.points.iter().map(|p| p.normal).collect();
+    let lit = contracted.look_up(&positions, &normals, &light, &material);
+    Ok((lit.radiance.iter().map(|v| v.map(f64::from)).collect(), lit.report))
+}
+
+fn mean_square(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
+    let squares = a.iter().zip(b).flat_map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).powi(2)));
+    squares.sum::<f64>() / (3 * a.len()) as f64
+}
+
+fn budget(links: &[&Vec<[f64; 3]>; 5], mean: f64, is_path: bool) -> Vec<BudgetRow> {
+    let names = ["truncation", "texture", "noise", "rounding"];
+    let over = |value: f64| if mean != 0.0 { value / (mean * mean) } else { 0.0 };
+    let mut rows: Vec<BudgetRow> =
+        (0..4).map(|i| BudgetRow { name: names[i], mean_square: over(mean_square(links[i + 1], links[i])) }).collect();
+    if !is_path {
+        // Its texels could not be made again: the last two links are one.
+        rows[2] =
+            BudgetRow { name: "noise, bias and rounding", mean_square: rows[2].mean_square + rows[3].mean_square };
+        rows.pop();
+    }
+    let sum: f64 = rows.iter().map(|r| r.mean_square).sum();
+    rows.push(BudgetRow { name: "cross terms", mean_square: over(mean_square(links[4], links[0])) - sum });
+    rows
+}
+
+fn distance(found: &[[f64; 3]], reference: &[[f64; 3]], noise: f64) -> Distance {
+    let n = found.len() as f64;
+    let mean = reference.iter().flatten().sum::<f64>() / (3.0 * n);
+    if mean <= 0.0 {
+        return Distance::default();
+    }
+    let spread = |values: &[f64]| {
+        let mean = values.iter().sum::<f64>() / n;
+        let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
+        // Many points: the normal quantile.
+        (mean, 1.96 * (square / (n * (n - 1.0).max(1.0))).sqrt())
+    };
+    let differences = || found.iter().zip(reference).map(|(a, b)| -> [f64; 3] { std::array::from_fn(|c| a[c] - b[c]) });
+    let squares: Vec<f64> = differences().map(|d| d.iter().map(|v| v * v).sum::<f64>() / 3.0).collect();
+    let (square, square_half) = spread(&squares);
+    let rms = square.sqrt();
+    let (bias, bias_half) = spread(&differences().map(|d| d.iter().sum::<f64>() / 3.0).collect::<Vec<_>>());
+    let mut largest: Vec<f64> = differences().map(|d| d.iter().fold(0.0f64, |m, v| m.max(v.abs()))).collect();
+    largest.sort_by(f64::total_cmp);
+    let mut brightest: Vec<f64> = reference.iter().map(|v| v.iter().copied().fold(0.0, f64::max)).collect();
+    brightest.sort_by(f64::total_cmp);
+    let rank = |q: f64| ((n - 1.0) * q).round() as usize;
+    let white = brightest[rank(0.99)].max(f64::MIN_POSITIVE);
+    let shown = |v: f64| (v / white).clamp(0.0, 1.0);
+    let clamped = found.iter().zip(reference).flat_map(|(a, b)| (0..3).map(|c| (shown(a[c]) - shown(b[c])).powi(2)));
+    Distance {
+        relative_rms: Figure {
+            value: rms / mean,
+            // d sqrt(q) = dq / (2 sqrt(q)).
+            half_interval: if rms > 0.0 { square_half / (2.0 * rms * mean) } else { 0.0 },
+        },
+        relative_rms_without_noise: (square - noise).max(0.0).sqrt() / mean,
+        bias: Figure { value: bias / mean, half_interval: bias_half / mean },
+        percentile_95: largest[rank(0.95)] / mean,
+        maximum: largest[rank(1.0)] / mean,
+        rms_percent: 100.0 * (clamped.sum::<f64>() / (3.0 * n)).sqrt(),
+    }
+}

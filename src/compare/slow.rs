@@ -1,0 +1,106 @@
+//! Radiance at a point from single texels, written from the definitions in `f64`: nothing of the runtime's contraction
+//! and lookup is used, so that what these add shows.
+
+use super::Question;
+use crate::error::Result;
+use crate::relight::Tail;
+use crate::sampling::hash::key;
+use crate::transfer::{BRICK, Layers, Layout, Selection};
+use crate::transport::{Bake, Settings, TexelEstimate, estimates};
+use std::collections::BTreeMap;
+
+/// Radiance at the points from texels of many rays, and from texels as they were baked, both unrounded. Where no texel is
+/// valid, or the texels cannot be made again, what the store gave stands in.
+pub(super) fn interpolated(q: &Question<'_>, stored: &[[f64; 3]]) -> Result<[Vec<[f64; 3]>; 2]> {
+    let layout = q.texture.layout();
+    let corners: Vec<Vec<([usize; 3], f64)>> = q.points.iter().map(|p| trilinear(layout, p.position_in_grid)).collect();
+    let mut texels: BTreeMap<[usize; 3], u32> = BTreeMap::new();
+    for (texel, _) in corners.iter().flatten() {
+        texels.insert(*texel, stored_rays(q, *texel)?);
+    }
+    let base = q.baked_by.cloned().unwrap_or(Settings {
+        layers: layout.layers.clone(),
+        rays: q.texel_rays,
+        seed: q.seed,
+        target: None,
+        positive: false,
+    });
+    let radiance = |settings: &Settings, rays: &dyn Fn(u32) -> u32| -> Result<BTreeMap<[usize; 3], [f64; 3]>> {
+        // Texels that the store has without rays have no level set.
+        let wanted: Vec<([usize; 3], u32)> =
+            texels.iter().filter(|(_, n)| **n > 0).map(|(t, n)| (*t, rays(*n))).collect();
+        let selection = Selection::empty(layout.lattice);
+        let bake = Bake { volume: q.volume, pyramid: q.pyramid, layout, settings, selection: &selection };
+        let found = estimates(&bake, &wanted)?;
+        let valid = wanted.iter().zip(found).filter_map(|((texel, _), found)| Some((*texel, found?)));
+        Ok(valid.map(|(texel, found)| (texel, of_texel(&layout.layers, &found, q))).collect())
+    };
+    let other_seed = key(q.seed, 0x7465_7865_6c73);
+    let fine = radiance(&Settings { seed: other_seed, rays: q.texel_rays, ..base.clone() }, &|_| q.texel_rays)?;
+    let at_points = |values: &BTreeMap<[usize; 3], [f64; 3]>| -> Vec<[f64; 3]> {
+        corners.iter().zip(stored).map(|(corners, stored)| between(corners, values).unwrap_or(*stored)).collect()
+    };
+    let again = match q.baked_by {
+        Some(settings) => at_points(&radiance(settings, &|rays| rays)?),
+        None => stored.to_vec(),
+    };
+    Ok([at_points(&fine), again])
+}
+
+fn between(corners: &[([usize; 3], f64)], values: &BTreeMap<[usize; 3], [f64; 3]>) -> Option<[f64; 3]> {
+    let (mut sum, mut weights) = ([0.0; 3], 0.0);
+    for (texel, weight) in corners {
+        if let Some(value) = values.get(texel) {
+            (0..3).for_each(|c| sum[c] += weight * value[c]);
+            weights += weight;
+        }
+    }
+    (weights > 0.0).then(|| sum.map(|v| v / weights))
+}
+
+/// Σ_k ρ^(k+1) ⟨T_k, L⟩ and the tail.
+fn of_texel(layers: &Layers, texel: &TexelEstimate, q: &Question<'_>) -> [f64; 3] {
+    let root_four_pi = 2.0 * std::f32::consts::PI.sqrt();
+    let escapes: Vec<f32> = (0..layers.len()).map(|k| root_four_pi * texel.transfer[layers.offset(k)]).collect();
+    let tail = Tail::new(&escapes);
+    std::array::from_fn(|c| {
+        let light = q.coefficients[c].values();
+        let (mut power, mut sum) = (1.0, 0.0);
+        for (k, &bands) in layers.bands().iter().enumerate() {
+            power *= f64::from(q.albedo[c]);
+            let transfer = &texel.transfer[layers.offset(k)..][..bands * bands];
+            let product: f64 = transfer.iter().zip(light).map(|(&t, &l)| f64::from(t) * l).sum();
+            sum += power * product;
+            if k + 1 == layers.len() {
+                sum += power * product * f64::from(tail.gain(q.albedo[c]));
+            }
+        }
+        sum
+    })
+}
+
+/// The eight texels around a grid position with their weights.
+fn trilinear(layout: &Layout, position_in_grid: [f32; 3]) -> Vec<([usize; 3], f64)> {
+    let m = layout.lattice.texels();
+    let place: [f64; 3] = std::array::from_fn(|a| {
+        (f64::from(position_in_grid[a]) / layout.lattice.step(a)).clamp(0.0, (m[a] - 1) as f64)
+    });
+    let low: [usize; 3] = std::array::from_fn(|a| (place[a] as usize).min(m[a].saturating_sub(2)));
+    let corners = (0..8usize).map(|i| {
+        let mut weight = 1.0;
+        let texel = std::array::from_fn(|a| {
+            let (t, up) = (place[a] - low[a] as f64, i >> a & 1);
+            weight *= if up == 1 { t } else { 1.0 - t };
+            (low[a] + up).min(m[a] - 1)
+        });
+        (texel, weight)
+    });
+    corners.filter(|(_, weight)| *weight > 0.0).collect()
+}
+
+/// Rays of a texel in the store; 0 where it has no level set or was not baked.
+fn stored_rays(q: &Question<'_>, texel: [usize; 3]) -> Result<u32> {
+    let Some(brick) = q.texture.brick(texel.map(|t| t / BRICK))? else { return Ok(0) };
+    let [x, y, z] = texel.map(|t| t % BRICK);
+    Ok(brick.rays[x + BRICK * (y + BRICK * z)])
+}

@@ -1,0 +1,155 @@
+//! Closed forms for the references, and a comparison whose parts are known.
+
+use super::*;
+use crate::probe::{self, Orientation};
+use crate::sampling::hash::uniform;
+use crate::surface::extract_with_normals;
+use crate::transfer::{Layers, Layout, MemoryTexture};
+use crate::transport::{Bake, Progress, bake};
+use crate::volume::field;
+use crate::volume::{Samples, Volume};
+
+struct Scene {
+    volume: Volume,
+    pyramid: Pyramid,
+    isovalue: f64,
+    points: Vec<SurfacePoint>,
+}
+
+fn scene(spec: &str, isovalue: Option<f64>, count: usize) -> Scene {
+    let named = field::by_name(spec).unwrap().unwrap();
+    let isovalue = isovalue.unwrap_or(named.field.default_isovalue());
+    let volume = named.sample().unwrap();
+    let pyramid = Pyramid::new(&volume);
+    let Samples::F32(samples) = volume.samples() else { unreachable!("fields are f32") };
+    let level = crate::level::LevelField::new(&volume, samples, &pyramid);
+    let normal = |p: [f32; 3]| level.normal(&level.locate(p.map(f64::from))).map_or([0.0; 3], |n| n.vec().to_array());
+    let mesh = extract_with_normals(&volume, isovalue, &normal).unwrap();
+    let all = mesh.positions_in_grid.len();
+    let points = (0..count).map(|i| (uniform(9, i as u64, 0, 0) * all as f32) as usize);
+    let points = points.map(|v| SurfacePoint { position_in_grid: mesh.positions_in_grid[v], normal: mesh.normals[v] });
+    let points = points.collect();
+    drop(level);
+    Scene { volume, pyramid, isovalue, points }
+}
+
+fn settings(paths: u32, albedo: f32) -> DirectSettings {
+    DirectSettings { paths, albedo: [albedo; 3], seed: 4 }
+}
+
+#[test]
+fn paths_outside_a_sphere_meet_the_closed_form_of_cut_and_whole_light() {
+    let scene = scene("sphere:48", None, 60);
+    let sun = probe::by_name("sun:30,40,8").unwrap().unwrap();
+    let orientation = Orientation::new(scene.volume.up, 0.0).unwrap();
+    let coefficients = sun.coefficients_in_world(5, orientation);
+    let (whole, cut) = (sun.source(orientation), BandLimited(&coefficients));
+    let lights: [&dyn DirectionalSource; 2] = [&whole, &cut];
+    let (found, _) =
+        direct(&scene.volume, &scene.pyramid, scene.isovalue, &scene.points, &lights, &settings(256, 0.5)).unwrap();
+    // Exitant radiance of a convex body is ρ/π Σ A_l L_lm Y_lm(n). Ten bands of a sun leave out at most 0.03 of its
+    // cosine lobe's peak (VALIDATION 4), which is four times ρ times the mean radiance.
+    let many = sun.coefficients_in_world(10, orientation);
+    for (light, exact, truncation) in [(0, &many, 0.12), (1, &coefficients, 0.0)] {
+        let mut deviations = 0.0;
+        for (point, found) in scene.points.iter().zip(&found[light]) {
+            let n = point.normal.map(f64::from);
+            let mut basis = [0.0; 100];
+            sh::basis::evaluate(exact[1].bands(), n, &mut basis);
+            let lobe = |i: usize| sh::CLAMPED_COSINE[(i as f64).sqrt() as usize];
+            let expected: f64 = exact[1]
+                .values()
+                .iter()
+                .enumerate()
+                .map(|(i, l)| 0.5 / std::f64::consts::PI * lobe(i) * l * basis[i])
+                .sum();
+            let scale = coefficients[1].values()[0] * 0.5 / 3.5449;
+            // Student's t with three degrees of freedom reaches 12.9 once in a thousand.
+            let allowed = 12.9 * found.stderr[1] + truncation * scale + 1e-5 * scale;
+            assert!((found.mean[1] - expected).abs() < allowed, "{point:?}: {found:?}, expected {expected}");
+            deviations += (found.mean[1] - expected) / scale;
+        }
+        let mean = deviations / scene.points.len() as f64;
+        assert!(mean.abs() < 0.005 + 0.2 * truncation, "light {light}: off by {mean} in the mean");
+    }
+}
+
+#[test]
+fn paths_in_the_bowl_sum_the_bounces_of_any_albedo() {
+    // B = ρ f / (1 − ρ (1 − f)) with f = 1/2 everywhere (VALIDATION 13).
+    let scene = scene("bowl:64", Some(0.6), 200);
+    let constant = probe::by_name("constant").unwrap().unwrap();
+    let orientation = Orientation::new(scene.volume.up, 0.0).unwrap();
+    let light = constant.source(orientation);
+    let inner: Vec<SurfacePoint> =
+        scene.points.iter().copied().filter(|p| p.position_in_grid[2] < 0.9 * 31.0).collect();
+    for albedo in [0.2f32, 0.8, 0.9] {
+        let (found, _) =
+            direct(&scene.volume, &scene.pyramid, scene.isovalue, &inner, &[&light], &settings(64, albedo)).unwrap();
+        let n = found[0].len() as f64;
+        let mean = found[0].iter().map(|r| r.mean[0]).sum::<f64>() / n;
+        let error = (found[0].iter().map(|r| r.stderr[0].powi(2)).sum::<f64>()).sqrt() / n;
+        let rho = f64::from(albedo);
+        let expected = rho * 0.5 / (1.0 - rho * 0.5);
+        // 1 % as for the bake: the bowl is cut on a grid.
+        assert!((mean - expected).abs() < 0.01 * expected + 4.0 * error, "{albedo}: {mean} ± {error}, {expected}");
+    }
+}
+
+#[test]
+fn the_rows_sum_to_the_whole_and_the_light_of_the_store_needs_no_truncation() {
+    let scene = scene("bumpbox:40", None, 300);
+    let layout = Layout {
+        lattice: crate::transfer::Lattice::from_ratio(scene.volume.dims(), 1.0).unwrap(),
+        layers: Layers::uniform(4, 5).unwrap(),
+    };
+    let settings = Settings { layers: layout.layers.clone(), rays: 64, seed: 1, target: None, positive: false };
+    let selection = texels_of_isosurface(&scene.volume, layout.lattice, scene.isovalue);
+    let job = Bake {
+        volume: &scene.volume,
+        pyramid: &scene.pyramid,
+        layout: &layout,
+        settings: &settings,
+        selection: &selection,
+    };
+    let mut texture = MemoryTexture::new(layout.clone());
+    bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, bricks| {
+        for (b, brick) in bricks.into_iter().enumerate() {
+            if let Some(brick) = brick {
+                let inner = [b % 4, b / 4 % 4, b / 16];
+                texture.insert(std::array::from_fn(|a| chunk[a] * 4 + inner[a]), brick)?;
+            }
+        }
+        Ok(())
+    })
+    .unwrap();
+    let sky = probe::by_name("gradient").unwrap().unwrap();
+    let orientation = Orientation::new(scene.volume.up, 0.0).unwrap();
+    let coefficients = sky.coefficients_in_world(5, orientation);
+    let limited = BandLimited(&coefficients);
+    let question = Question {
+        volume: &scene.volume,
+        pyramid: &scene.pyramid,
+        texture: &texture,
+        baked_by: Some(&settings),
+        isovalue: scene.isovalue,
+        points: &scene.points,
+        light: &limited,
+        coefficients: &coefficients,
+        albedo: [0.7, 0.5, 0.3],
+        paths: 64,
+        texel_rays: 256,
+        seed: 7,
+    };
+    let found = compare(&question).unwrap();
+    let row = |name: &str| found.budget.iter().find(|r| r.name == name).unwrap().mean_square;
+    let sum: f64 = found.budget.iter().map(|r| r.mean_square).sum();
+    assert!((sum - found.whole.relative_rms.value.powi(2)).abs() < 1e-12);
+    // The whole light is the cut one here: the same paths, so not even noise between them.
+    assert_eq!(row("truncation"), 0.0);
+    assert_eq!(found.whole, found.band_limited);
+    // Half precision rounds to 2^-12 of each coefficient in the mean square; contraction adds less.
+    assert!(row("rounding").sqrt() < 1e-3 && row("rounding") > 0.0, "{found:?}");
+    assert!(row("noise").sqrt() < 0.02 && found.whole.relative_rms.value < 0.03, "{:?}", found.budget);
+    assert!(found.whole.bias.value.abs() < found.whole.bias.half_interval + 0.005);
+}
