@@ -29,7 +29,6 @@ fn scene(spec: &str, isovalue: Option<f64>, count: usize) -> Scene {
     let points = (0..count).map(|i| (uniform(9, i as u64, 0, 0) * all as f32) as usize);
     let points = points.map(|v| SurfacePoint { position_in_grid: mesh.positions_in_grid[v], normal: mesh.normals[v] });
     let points = points.collect();
-    drop(level);
     Scene { volume, pyramid, isovalue, points }
 }
 
