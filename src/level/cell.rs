@@ -147,7 +147,7 @@ fn root_in(b: &Cubic, mut low: f32, mut high: f32) -> f32 {
     const LAST_STEP: f32 = 1.0 / 16_384.0;
     // Most brackets hold a nearly straight piece: begin where the chord crosses 0, but clear of the ends, where
     // rounding may show the wrong sign.
-    let (at_low, at_high) = (evaluate(b, low).0, evaluate(b, high).0);
+    let (at_low, at_high) = (if low == 0.0 { b[0] } else { evaluate(b, low).0 }, evaluate(b, high).0);
     let chord = at_low / (at_low - at_high);
     let mut t = low + (high - low) * if chord.is_finite() { chord.clamp(0.1, 0.9) } else { 0.5 };
     let mut last_width = high - low;

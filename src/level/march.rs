@@ -5,148 +5,259 @@
 //! chain of cells, whatever rounding does, values at the shared faces agree in sign up to the sign
 //! carry, and a block that holds nothing is left into the very cell that a march through all its
 //! cells would come to: the pyramid changes no bit of a hit.
+//!
+//! Each axis is looked at along the ray, mirrored where the ray falls: planes are counted from the
+//! start cell in the direction of travel, so that they rise along every axis. Negation is exact, so this
+//! changes no bit either, and the three axes are three lanes of one vector without a branch among
+//! them. The fourth lane is an axis whose planes are never met.
 
 use super::CellPoint;
-use glam::{IVec3, Vec3};
+use super::pyramid::BLOCK_SHIFT;
+use glam::{BVec4A, IVec3, Vec3, Vec4, Vec4Swizzles};
 
 /// A component of a direction below this part of the largest is 0. Over any grid it amounts to
 /// nothing, and its inverse times the size of any grid is still a number.
 const PARALLEL: f32 = 1.0 / (1u128 << 100) as f32;
 
+/// Cells along the side of the smallest blocks.
+const SIDE: f32 = (1 << BLOCK_SHIFT) as f32;
+
+/// 1.5·2²³: a number below 2²² in size added to it is rounded to a whole one, which stands in the low bits.
+const WHOLE: f32 = 12_582_912.0;
+
+const X: BVec4A = BVec4A::new(true, false, false, false);
+const XY: BVec4A = BVec4A::new(true, true, false, false);
+
+/// One axis, as a mask of lanes.
+pub(super) type Axis = BVec4A;
+
+/// The axis of the plane that comes first; in a tie x before y before z.
+#[inline(always)]
+pub(super) fn first(far: Vec4) -> Axis {
+    let (one, other) = (far.yxxw(), far.zzyw());
+    (far.cmplt(one) | (far.cmple(one) & X)) & (far.cmplt(other) | (far.cmple(other) & XY))
+}
+
+/// 0, 1, 2 for x, y, z.
+#[inline(always)]
+pub(super) fn number(axis: Axis) -> usize {
+    // The bits are 1, 2 or 4.
+    (axis.bitmask() >> 1) as usize
+}
+
+/// The three whole numbers in a vector.
+#[inline(always)]
+fn whole(v: Vec4) -> [i32; 3] {
+    let bits = |x: f32| (x + WHOLE).to_bits().wrapping_sub(WHOLE.to_bits()) as i32;
+    [bits(v.x), bits(v.y), bits(v.z)]
+}
+
 /// A ray in grid space and the cell it is in. Parameters are measured from the start cell, so that
 /// their precision does not fall with the size of the grid.
 pub(super) struct March {
-    origin: Vec3,
-    direction: Vec3,
-    start: [i32; 3],
-    pub(super) cell: [i32; 3],
-    // The parameter of a plane p is (p − plane_origin)·inverse; for an axis whose planes are never
-    // met these are −∞ and 1.
-    plane_origin: [f32; 3],
-    inverse: [f32; 3],
-    // ±1; 1 where the far plane of a cell is its upper one, else 0.
-    pub(super) step: [i32; 3],
-    pub(super) upper: [i32; 3],
-    // Parameters of the far planes of the cell.
-    pub(super) far: [f32; 3],
-    // Where it entered the cell, and through which axis; 3 at the start.
+    start: IVec3,
+    origin: Vec4,
+    direction: Vec4,
+    // ±1; 1 where the ray rises along the axis, else 0.
+    step: Vec4,
+    upper: Vec4,
+    // The parameter of a plane p, counted along the ray, is (p − plane_origin)·inverse; for an axis whose
+    // planes are never met these are −∞ and 1.
+    plane_origin: Vec4,
+    inverse: Vec4,
+    // Where the box ends, and the planes where the block ends that the march is in, the former unclipped.
+    border: Vec4,
+    block: Vec4,
+    edge: Vec4,
+    // The far planes of the cell, their parameters, and those of the planes behind them.
+    plane: Vec4,
+    pub(super) far: Vec4,
+    next: Vec4,
+    // Where it entered the cell, and through which axis: none at the start.
     pub(super) entered_at: f32,
-    entered_axis: usize,
+    entered: Axis,
 }
 
 impl March {
     #[inline(always)]
-    pub(super) fn new(start: &CellPoint, direction: Vec3) -> Self {
+    pub(super) fn new(start: &CellPoint, direction: Vec3, dims: [usize; 3]) -> Self {
+        let direction = direction.extend(0.0);
         // The largest component comes to [1, 2), by a power of two: exact, and no parameter overflows.
         let exponent = (direction.abs().max_element().to_bits() >> 23) as i32 - 127;
         let direction = direction * f32::from_bits(((127 - exponent.clamp(-126, 126)) as u32) << 23);
-        let parallel = direction.abs().cmplt(Vec3::splat(PARALLEL));
-        let direction = Vec3::select(parallel, Vec3::ZERO, direction);
-        let backward = [direction.x < 0.0, direction.y < 0.0, direction.z < 0.0];
+        // Not a number counts as 0 too.
+        let parallel = !direction.abs().cmpge(Vec4::splat(PARALLEL));
+        let direction = Vec4::select(parallel, Vec4::ZERO, direction);
+        let backward = direction.cmplt(Vec4::ZERO);
+        let step = Vec4::select(backward, Vec4::NEG_ONE, Vec4::ONE);
+        let upper = Vec4::select(backward, Vec4::ZERO, Vec4::ONE);
+        let origin = start.local.extend(0.0);
+        // Small whole numbers: exact.
+        let cell = start.cell.as_vec3().extend(0.0);
+        let inner = (start.cell & IVec3::splat((1 << BLOCK_SHIFT) - 1)).as_vec3().extend(0.0);
+        let end = Vec3::new((dims[0] - 1) as i32 as f32, (dims[1] - 1) as i32 as f32, (dims[2] - 1) as i32 as f32);
+        let border = Vec4::select(backward, cell, end.extend(1.0) - cell);
+        let block = Vec4::select(backward, inner, Vec4::splat(SIDE) - inner);
         let mut march = Self {
-            origin: start.local,
+            start: start.cell,
+            origin,
             direction,
-            start: start.cell.to_array(),
-            cell: start.cell.to_array(),
-            plane_origin: Vec3::select(parallel, Vec3::NEG_INFINITY, start.local).to_array(),
-            inverse: Vec3::select(parallel, Vec3::ONE, direction.recip()).to_array(),
-            step: backward.map(|b| if b { -1 } else { 1 }),
-            upper: backward.map(|b| i32::from(!b)),
-            far: [0.0; 3],
+            step,
+            upper,
+            plane_origin: Vec4::select(parallel, Vec4::NEG_INFINITY, origin * step),
+            inverse: Vec4::select(parallel, Vec4::ONE, direction.recip().abs()),
+            border,
+            block,
+            edge: block.min(border),
+            plane: upper,
+            far: Vec4::ZERO,
+            next: Vec4::ZERO,
             entered_at: 0.0,
-            entered_axis: 3,
+            entered: BVec4A::default(),
         };
         march.face_cell();
         march
     }
 
-    /// Parameter at which the ray meets the plane `plane` of `axis`.
+    /// 1 for each axis along which the ray falls, in bits 0, 1, 2.
     #[inline(always)]
-    fn at_plane(&self, axis: usize, plane: i32) -> f32 {
-        ((plane - self.start[axis]) as f32 - self.plane_origin[axis]) * self.inverse[axis]
+    pub(super) fn octant(&self) -> usize {
+        (self.step.cmplt(Vec4::ZERO).bitmask() & 7) as usize
+    }
+
+    /// The sizes of the components of the direction.
+    #[inline(always)]
+    pub(super) fn slope(&self) -> Vec3 {
+        self.direction.abs().truncate()
+    }
+
+    /// Parameters at which the ray meets planes, counted along the ray.
+    #[inline(always)]
+    fn at_planes(&self, planes: Vec4) -> Vec4 {
+        (planes - self.plane_origin) * self.inverse
     }
 
     /// Sets the parameters of the far planes of the cell.
     #[inline(always)]
-    pub(super) fn face_cell(&mut self) {
-        for a in 0..3 {
-            self.far[a] = self.at_plane(a, self.cell[a] + self.upper[a]);
-        }
+    fn face_cell(&mut self) {
+        self.far = self.at_planes(self.plane);
+        self.next = self.at_planes(self.plane + Vec4::ONE);
     }
 
-    /// The axis of the plane that comes first; in a tie x before y before z.
+    /// The cell.
     #[inline(always)]
-    pub(super) fn first(far: &[f32; 3]) -> usize {
-        let (least, axis) = if far[1] < far[0] { (far[1], 1) } else { (far[0], 0) };
-        if far[2] < least { 2 } else { axis }
+    pub(super) fn cell(&self) -> IVec3 {
+        self.start + IVec3::from_array(whole(self.plane * self.step - self.upper))
+    }
+
+    /// How many planes it has passed along each axis.
+    #[inline(always)]
+    pub(super) fn passed(&self) -> [i32; 3] {
+        whole(self.plane - self.upper)
     }
 
     /// Where in its cell the ray is at `t`, when it passes a plane of `axis` there; `face` is 1 on
     /// the upper plane.
     #[inline(always)]
-    pub(super) fn local(&self, t: f32, axis: usize, face: i32) -> Vec3 {
-        let cell = IVec3::from_array(self.cell) - IVec3::from_array(self.start);
-        let mut local = (self.origin + self.direction * t - cell.as_vec3()).clamp(Vec3::ZERO, Vec3::ONE);
-        local[axis] = face as f32;
-        local
+    fn local(&self, t: f32, axis: Axis, face: Vec4) -> Vec3 {
+        let cell = self.plane * self.step - self.upper;
+        let local = (self.origin + self.direction * t - cell).clamp(Vec4::ZERO, Vec4::ONE);
+        Vec4::select(axis, face, local).truncate()
     }
 
     /// Where it entered the cell.
     #[inline(always)]
     pub(super) fn entry(&self) -> Vec3 {
-        if self.entered_axis == 3 {
-            return self.origin;
+        if self.entered.bitmask() == 0 {
+            return self.origin.truncate();
         }
-        self.local(self.entered_at, self.entered_axis, 1 - self.upper[self.entered_axis])
+        self.local(self.entered_at, self.entered, Vec4::ONE - self.upper)
     }
 
-    /// Steps into the next cell through `axis`.
+    /// Where it leaves the cell, through `axis` at `t`.
     #[inline(always)]
-    pub(super) fn cross(&mut self, axis: usize) {
-        self.entered_at = self.far[axis];
-        self.entered_axis = axis;
-        self.cell[axis] += self.step[axis];
-        self.far[axis] = self.at_plane(axis, self.cell[axis] + self.upper[axis]);
+    pub(super) fn exit_at(&self, t: f32, axis: Axis) -> Vec3 {
+        self.local(t, axis, self.upper)
     }
 
-    /// Steps out of the block of side 2^`shift` that holds the cell, clipped to the box, and says
-    /// through which axis. Leaves `far` behind; see [`Self::face_cell`].
-    ///
-    /// The cell behind it is the one that a march through every cell would be in: along the other
-    /// axes just those planes lie behind that come before (t, axis) in the order of [`Self::first`].
+    /// Steps into the next cell through `axis` at `t`, and says whether it is behind the edge of the block.
     #[inline(always)]
-    pub(super) fn cross_block(&mut self, shift: u32, last: &[i32; 3]) -> usize {
-        let mut planes = [0; 3];
-        let mut leave = [0.0; 3];
-        for a in 0..3 {
-            let base = self.cell[a] >> shift << shift;
-            planes[a] = if self.upper[a] == 1 { (base + (1 << shift)).min(last[a] + 1) } else { base };
-            leave[a] = self.at_plane(a, planes[a]);
-        }
-        let axis = Self::first(&leave);
-        let t = leave[axis];
-        for a in 0..3 {
-            let (near, far) = (self.cell[a], planes[a] - self.upper[a]);
-            if a == axis {
-                self.cell[a] = far + self.step[a];
-            } else if self.direction[a] != 0.0 {
-                // An estimate by position, then made right; it is right but for rounding. The
-                // position is not below 0, so that truncation is the floor.
-                let position = self.origin[a] + self.direction[a] * t;
-                let guess = (position + (self.start[a] - near.min(far)) as f32) as i32 + near.min(far);
-                let before = |plane: f32| plane < t || (plane == t && a < axis);
-                let mut cell = guess.clamp(near.min(far), near.max(far));
-                while cell != near && !before(self.at_plane(a, cell + 1 - self.upper[a])) {
-                    cell -= self.step[a];
-                }
-                while cell != far && before(self.at_plane(a, cell + self.upper[a])) {
-                    cell += self.step[a];
-                }
-                self.cell[a] = cell;
-            }
-        }
+    pub(super) fn cross(&mut self, t: f32, axis: Axis) -> bool {
+        let left = (self.plane.cmpeq(self.edge) & axis).any();
         self.entered_at = t;
-        self.entered_axis = axis;
-        axis
+        self.entered = axis;
+        self.far = Vec4::select(axis, self.next, self.far);
+        self.plane += Vec4::select(axis, Vec4::ONE, Vec4::ZERO);
+        self.next = self.at_planes(self.plane + Vec4::ONE);
+        left
+    }
+
+    /// Goes on to the block behind the edge of `axis` that was just crossed; `false` behind the border of the box.
+    #[inline(always)]
+    pub(super) fn next_block(&mut self, axis: Axis) -> bool {
+        if (self.edge.cmpeq(self.border) & axis).any() {
+            return false;
+        }
+        self.block += Vec4::select(axis, Vec4::splat(SIDE), Vec4::ZERO);
+        self.edge = self.block.min(self.border);
+        true
+    }
+
+    /// Passes the block, and says through which axis. Leaves the cell behind; see [`Self::enter`].
+    #[inline(always)]
+    pub(super) fn cross_block(&mut self) -> Axis {
+        let leave = self.at_planes(self.edge);
+        self.entered_at = leave.min_element();
+        self.entered = first(leave);
+        self.entered
+    }
+
+    /// Takes up the march through cells where the block was entered.
+    ///
+    /// The cell is the one that a march through every cell would be in: along the other axes just those
+    /// planes lie behind that come before (t, axis) in the order of [`first`].
+    #[inline(always)]
+    pub(super) fn enter(&mut self) {
+        let (t, axis) = (self.entered_at, self.entered);
+        let nearest = self.block - Vec4::splat(SIDE - 1.0);
+        let least = nearest.max(self.upper);
+        // An estimate by position, then made right; it is right but for rounding.
+        let position = self.origin * self.step + self.direction.abs() * t;
+        let floor = (position - Vec4::splat(0.5)) + Vec4::splat(WHOLE) - Vec4::splat(WHOLE);
+        self.plane = Vec4::select(axis, nearest, (floor + Vec4::ONE).max(least).min(self.edge));
+        let early = !self.before(self.plane - Vec4::ONE) & self.plane.cmpgt(least);
+        let late = self.before(self.plane) & self.plane.cmplt(self.edge);
+        if ((early | late) & !axis).bitmask() & 7 != 0 {
+            self.correct(least);
+        }
+        self.face_cell();
+    }
+
+    /// Along which axes these planes come before the one where the block was entered.
+    #[inline(always)]
+    fn before(&self, planes: Vec4) -> BVec4A {
+        let (at, t) = (self.at_planes(planes), Vec4::splat(self.entered_at));
+        // The axes in front of `entered`: as bits, those below its own.
+        let bit = self.entered.bitmask();
+        let in_front = BVec4A::new(bit > 1, bit > 2, false, false);
+        at.cmplt(t) | (at.cmpeq(t) & in_front)
+    }
+
+    #[cold]
+    fn correct(&mut self, least: Vec4) {
+        loop {
+            let early = !self.before(self.plane - Vec4::ONE) & self.plane.cmpgt(least) & !self.entered;
+            if early.bitmask() & 7 == 0 {
+                break;
+            }
+            self.plane -= Vec4::select(early, Vec4::ONE, Vec4::ZERO);
+        }
+        loop {
+            let late = self.before(self.plane) & self.plane.cmplt(self.edge) & !self.entered;
+            if late.bitmask() & 7 == 0 {
+                break;
+            }
+            self.plane += Vec4::select(late, Vec4::ONE, Vec4::ZERO);
+        }
     }
 }

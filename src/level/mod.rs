@@ -17,6 +17,7 @@
 //! coordinate in [0, 1]³, so that precision does not fall with the size of the grid.
 
 pub mod cell;
+mod cone;
 pub mod diagnose;
 mod gradient;
 mod march;
@@ -27,7 +28,7 @@ pub mod trace;
 #[cfg(test)]
 mod tests;
 
-pub use pyramid::{LEVEL_SHIFTS, Pyramid};
+pub use pyramid::{BLOCK_SHIFT, Pyramid};
 pub use texel::Site;
 pub use trace::{Counts, Hit, Outcome, Start};
 

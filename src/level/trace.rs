@@ -1,10 +1,11 @@
 //! The march of a ray to its first hit on its own level set.
 
 use super::cell::{self, Cubic};
-use super::march::March;
-use super::{CellPoint, LEVEL_SHIFTS, LevelField};
+use super::march::{self, Axis, March};
+use super::pyramid::signed_strides;
+use super::{BLOCK_SHIFT, CellPoint, LevelField};
 use crate::volume::Sample;
-use glam::{IVec3, Vec3, Vec4};
+use glam::{Vec3, Vec4};
 
 /// A ray that starts inside the solid may leave it within this many cell exits, else it is lost.
 ///
@@ -92,16 +93,6 @@ enum Passed {
     Hit(CellPoint),
 }
 
-/// What the pyramid knows of a ray that has just entered a block.
-enum Ahead {
-    /// Nothing solid in any direction that the ray may still take: it escapes.
-    Nothing,
-    /// Nothing solid in the block of this power of two, the largest of those just entered.
-    Empty(u32),
-    /// The block has to be marched.
-    Something,
-}
-
 /// What one cubic did to a ray.
 enum Crossed {
     No(Side),
@@ -118,103 +109,110 @@ impl<T: Sample> LevelField<'_, T> {
     pub fn trace(&self, isovalue: f32, start: &Start, direction: Vec3, counts: &mut Counts) -> Outcome {
         counts.rays += 1;
         let signed = self.sign * isovalue;
-        let last = self.dims.map(|n| n as i32 - 2);
-        // Samples from a cell to the next along each axis.
-        let mut march = March::new(&start.at, direction);
-        let stride = [0, 1, 2].map(|a| if march.upper[a] == 1 { 1 } else { 1usize.wrapping_neg() });
-        let stride = [stride[0], stride[1].wrapping_mul(self.rows[1]), stride[2].wrapping_mul(self.rows[2])];
-        let octant = (0..3).fold(0, |octant, a| octant | usize::from(march.upper[a] == 0) << a);
+        let mut march = March::new(&start.at, direction, self.dims);
+        let octant = march.octant();
+        let first_sample = self.sample_index(&start.at.cell.to_array());
+        let stride = self.strides(octant);
+        let blocks = self.pyramid.blocks();
+        let first_block = blocks.index(start.at.cell.to_array().map(|c| (c >> BLOCK_SHIFT) as usize));
+        let block_stride = blocks.strides(octant);
+        let bin = self.pyramid.cone(octant, march.slope());
+        let level = self.pyramid.rank(signed);
+        let mut sample = first_sample;
+        let mut block = first_block;
         let mut side = if start.on_surface { Side::Start } else { Side::Unknown };
         let mut buried = 0u32;
-        let mut sample = self.sample_index(&march.cell);
         loop {
             // Cell by cell to the border of the smallest block.
-            let mut axis;
             loop {
-                axis = March::first(&march.far);
-                let moved = march.far[axis] > march.entered_at;
-                // On the surface and not moved yet: nothing is decided in a cell of no length.
-                if moved || side != Side::Start {
+                let axis = march::first(march.far);
+                let t = march.far.min_element();
+                if side == Side::Out {
                     counts.cells += 1;
-                    match self.pass_cell(&march, sample, axis, isovalue, side, counts) {
-                        Passed::Hit(at) => return Outcome::Hit(Hit { at }),
-                        Passed::On(next) => side = next,
+                    if self.may_hold_solid(sample, signed) {
+                        if let Passed::Hit(at) = self.pass_cell(&march, sample, t, axis, isovalue, side, counts) {
+                            return Outcome::Hit(Hit { at });
+                        }
                     }
-                    // Cells of no length do not count: how many there are depends on the name of a corner.
-                    if side == Side::In && moved {
-                        buried += 1;
-                        if buried > MAX_BURIED_CELLS {
-                            return Outcome::Lost;
+                } else {
+                    let moved = t > march.entered_at;
+                    // On the surface and not moved yet: nothing is decided in a cell of no length.
+                    if moved || side != Side::Start {
+                        counts.cells += 1;
+                        match self.pass_cell(&march, sample, t, axis, isovalue, side, counts) {
+                            Passed::Hit(at) => return Outcome::Hit(Hit { at }),
+                            Passed::On(next) => side = next,
+                        }
+                        // Cells of no length do not count: how many there are depends on the name of a corner.
+                        if side == Side::In && moved {
+                            buried += 1;
+                            if buried > MAX_BURIED_CELLS {
+                                return Outcome::Lost;
+                            }
                         }
                     }
                 }
-                march.cross(axis);
-                let cell = march.cell[axis];
-                if cell as u32 > last[axis] as u32 {
-                    // The border is open to light, not to the solid: photons that would enter here are discarded.
-                    return if side == Side::In { Outcome::Lost } else { Outcome::Escaped };
-                }
-                sample = sample.wrapping_add(stride[axis]);
-                // The first cell behind a plane between blocks.
-                if (cell + 1 - march.upper[axis]) & ((1 << LEVEL_SHIFTS[0]) - 1) == 0 && side == Side::Out {
-                    break;
+                sample = sample.wrapping_add(stride[march::number(axis)]);
+                if march.cross(t, axis) {
+                    if !march.next_block(axis) {
+                        // The border is open to light, not to the solid: photons that would enter here are discarded.
+                        return if side == Side::In { Outcome::Lost } else { Outcome::Escaped };
+                    }
+                    block = block.wrapping_add(block_stride[march::number(axis)]);
+                    if side == Side::Out {
+                        break;
+                    }
                 }
             }
-            // Block by block while they hold nothing solid. The plane just crossed tells which
-            // blocks are new; the others have been looked at.
+            // Block by block while they hold nothing solid.
             let mut skipped = false;
             loop {
-                let shift = match self.ahead(&march, axis, octant, signed, counts) {
-                    Ahead::Nothing => return Outcome::Escaped,
-                    Ahead::Empty(shift) => shift,
-                    Ahead::Something => break,
-                };
-                axis = march.cross_block(shift, &last);
-                if march.cell[axis] as u32 > last[axis] as u32 {
+                counts.nodes += 1;
+                if self.pyramid.nothing_ahead(block, bin, level) {
                     return Outcome::Escaped;
                 }
+                if blocks.max[block] > signed {
+                    break;
+                }
+                let axis = march.cross_block();
+                if !march.next_block(axis) {
+                    return Outcome::Escaped;
+                }
+                block = block.wrapping_add(block_stride[march::number(axis)]);
                 skipped = true;
             }
             if skipped {
-                march.face_cell();
-                sample = self.sample_index(&march.cell);
+                march.enter();
+                let passed = march.passed();
+                sample = (0..3).fold(first_sample, |s, a| s.wrapping_add((passed[a] as usize).wrapping_mul(stride[a])));
             }
         }
     }
 
-    /// What lies behind the plane of `axis` that was just crossed, as far as the pyramid knows.
+    /// Samples from a cell to the next along each axis.
     #[inline(always)]
-    fn ahead(&self, march: &March, axis: usize, octant: usize, signed: f32, counts: &mut Counts) -> Ahead {
-        let plane = march.cell[axis] + 1 - march.upper[axis];
-        let alignment = plane.trailing_zeros();
-        let [x, y, z] = march.cell.map(|c| c as usize);
-        if alignment >= LEVEL_SHIFTS[1] {
-            counts.nodes += 1;
-            if self.pyramid.ahead(octant, [x, y, z]) <= signed {
-                return Ahead::Nothing;
-            }
-        }
-        for (i, shift) in LEVEL_SHIFTS.into_iter().enumerate().rev() {
-            if shift > alignment {
-                continue;
-            }
-            counts.nodes += 1;
-            let level = self.pyramid.level(i);
-            if level.max[level.index([x >> shift, y >> shift, z >> shift])] <= signed {
-                return Ahead::Empty(shift);
-            }
-        }
-        Ahead::Something
+    fn strides(&self, octant: usize) -> [usize; 3] {
+        signed_strides([1, self.rows[1], self.rows[2]], octant)
+    }
+
+    /// Whether a sample of the cell with this first sample is above `signed`.
+    #[inline(always)]
+    fn may_hold_solid(&self, sample: usize, signed: f32) -> bool {
+        let (low, high) = self.corners_at(sample);
+        // raw − c > 0 is raw > c in every case, and so with both signs turned.
+        let (low, high) = (Vec4::from_array(low) * self.sign, Vec4::from_array(high) * self.sign);
+        low.max(high).cmpgt(Vec4::splat(signed)).any()
     }
 
     /// Carries the side through the cell that the march is in, with its first sample at index
-    /// `sample`, and leaves through `axis`.
+    /// `sample`, and leaves through `axis` at `t`.
     #[inline(always)]
     fn pass_cell(
         &self,
         march: &March,
         sample: usize,
-        axis: usize,
+        t: f32,
+        axis: Axis,
         isovalue: f32,
         side: Side,
         counts: &mut Counts,
@@ -223,18 +221,15 @@ impl<T: Sample> LevelField<'_, T> {
         let c = Vec4::splat(isovalue);
         let low = (Vec4::from_array(low) - c) * self.sign;
         let high = (Vec4::from_array(high) - c) * self.sign;
-        if side == Side::Out && !low.max(high).cmpgt(Vec4::ZERO).any() {
-            return Passed::On(Side::Out);
-        }
         counts.solves += 1;
         let entry = march.entry();
-        let exit = march.local(march.far[axis], axis, march.upper[axis]);
+        let exit = march.exit_at(t, axis);
         let cubic = cell::along_segment(low, high, entry, exit);
         let crossed = if side == Side::Out { rise_after(cubic, 0.0) } else { pass_near_start(cubic, side) };
         match crossed {
             Crossed::Rise(t) => {
                 let local = (entry + (exit - entry) * t).clamp(Vec3::ZERO, Vec3::ONE);
-                Passed::Hit(CellPoint { cell: IVec3::from_array(march.cell), local })
+                Passed::Hit(CellPoint { cell: march.cell(), local })
             }
             Crossed::No(side) => Passed::On(side),
         }

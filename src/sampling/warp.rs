@@ -90,6 +90,36 @@ pub fn square_to_cosine_hemisphere(u: [f32; 2]) -> Vec3 {
     disk.extend((1.0 - square).max(0.0).sqrt())
 }
 
+/// Points mapped at a time by [`squares_to_cosine_hemisphere`].
+const BLOCK: usize = 8;
+
+/// [`square_to_cosine_hemisphere`] of every point, added to `directions`: the same operations in the same
+/// order, in lanes and without the branch that random points mispredict.
+pub(crate) fn squares_to_cosine_hemisphere(points: &[[f32; 2]], directions: &mut Vec<Vec3>) {
+    let mut blocks = points.chunks_exact(BLOCK);
+    for block in &mut blocks {
+        let (mut x, mut y, mut z) = ([0.0f32; BLOCK], [0.0f32; BLOCK], [0.0f32; BLOCK]);
+        for i in 0..BLOCK {
+            x[i] = 2.0 * block[i][0] - 1.0;
+            y[i] = 2.0 * block[i][1] - 1.0;
+        }
+        for i in 0..BLOCK {
+            let (a, b) = (x[i], y[i]);
+            z[i] = (1.0 - (a * a).max(b * b)).max(0.0).sqrt();
+            let first = a.abs() > b.abs();
+            let (radius, other) = (if first { a } else { b }, if first { b } else { a });
+            let quotient = other / radius;
+            let t = if radius == 0.0 { 0.0 } else { quotient };
+            let (sine, cosine) = sin_cos_eighth_turn(t);
+            let (along, across) = (radius * cosine, radius * sine);
+            x[i] = if first { along } else { across };
+            y[i] = if first { across } else { along };
+        }
+        directions.extend((0..BLOCK).map(|i| Vec3::new(x[i], y[i], z[i])));
+    }
+    directions.extend(blocks.remainder().iter().map(|&point| square_to_cosine_hemisphere(point)));
+}
+
 /// Density of [`square_to_cosine_hemisphere`] per steradian: cosθ/π, 0 below the horizon.
 #[inline(always)]
 pub fn cosine_hemisphere_pdf(direction: Vec3) -> f32 {
@@ -194,6 +224,22 @@ mod tests {
     use crate::sampling::hash::uniform;
     use crate::sampling::statistics::{chi_square_test, sidak};
     use std::path::Path;
+
+    #[test]
+    fn a_batch_of_points_gives_the_bits_of_each() {
+        // Two whole blocks and a rest; ties of the branch and the centre among them.
+        let mut points: Vec<[f32; 2]> = (0..15).map(|i| [uniform(9, 0, i, 0), uniform(9, 0, i, 1)]).collect();
+        points.extend([[0.5, 0.5], [0.0, 0.0], [0.25, 0.25], [0.75, 0.25], [0.5, 0.0]]);
+        for shift in 0..points.len() {
+            points.rotate_left(shift);
+            let mut batch = Vec::new();
+            squares_to_cosine_hemisphere(&points, &mut batch);
+            for (one, point) in batch.iter().zip(&points) {
+                let bits = |v: Vec3| v.to_array().map(f32::to_bits);
+                assert_eq!(bits(*one), bits(square_to_cosine_hemisphere(*point)), "{point:?}");
+            }
+        }
+    }
 
     #[test]
     fn sine_and_cosine_keep_their_promise() {

@@ -137,6 +137,9 @@ pub struct TexelEstimate {
 #[derive(Default)]
 pub(super) struct Scratch {
     alive: Vec<Alive>,
+    // Points of the square and directions about the normal, for the paths of one bounce.
+    points: Vec<[f32; 2]>,
+    locals: Vec<Vec3>,
     pub(super) escaped: Vec<Vec3>,
     pub(super) blocked: Vec<Vec3>,
     // Σ Y over the paths of a replicate, [replicate][coefficient].
@@ -169,6 +172,15 @@ impl Scratch {
 pub(super) struct PointsTaken([u32; MAX_LAYERS.div_ceil(2)]);
 
 impl PointsTaken {
+    /// The first of `count` points in a row at bounce `k`, which starts a sequence, for the paths in their order.
+    #[inline(always)]
+    fn first_of(&mut self, k: usize, count: usize) -> u32 {
+        debug_assert!(k.is_multiple_of(2));
+        let first = self.0[k / 2];
+        self.0[k / 2] += count as u32;
+        first
+    }
+
     /// The point of the next path in line at bounce `k`, which took `before` at the last one.
     #[inline(always)]
     pub(super) fn point_for(&mut self, k: usize, before: u32) -> u32 {
@@ -303,11 +315,23 @@ fn trace_replicate<T: Sample>(
         let sequence = sampler.sequence(k as u32);
         scratch.escaped.clear();
         scratch.blocked.clear();
+        scratch.points.clear();
+        if k.is_multiple_of(2) {
+            let first = scratch.taken[replicate].first_of(k, scratch.alive.len());
+            scratch.points.resize(scratch.alive.len(), [0.0; 2]);
+            sequence.fill(first, &mut scratch.points);
+            for (alive, point) in scratch.alive.iter_mut().zip(first..) {
+                alive.point = point;
+            }
+        } else {
+            scratch.points.extend(scratch.alive.iter().map(|alive| sequence.point(alive.point)));
+        }
+        scratch.locals.clear();
+        warp::squares_to_cosine_hemisphere(&scratch.points, &mut scratch.locals);
         let mut kept = 0;
         for i in 0..scratch.alive.len() {
-            let mut alive = scratch.alive[i];
-            alive.point = scratch.taken[replicate].point_for(k, alive.point);
-            let local = warp::square_to_cosine_hemisphere(sequence.point(alive.point));
+            let alive = scratch.alive[i];
+            let local = scratch.locals[i];
             let frame = if k == 0 { frame } else { Frame::around(alive.normal) };
             let direction = frame.from_local(local);
             let in_grid = field.direction_in_grid(direction);
