@@ -34,6 +34,7 @@ mod picture;
 mod plan;
 mod relight;
 mod replay;
+mod scene;
 mod surface;
 mod text;
 
@@ -111,9 +112,13 @@ type Outcome<T = ()> = Result<T, Failure>;
 
 /// Runs the program with the arguments of the process.
 pub fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
+    let cli = match scene::parse(std::env::args_os().collect()) {
+        Ok(Ok(cli)) => cli,
         Err(error) => {
+            Console::new(false, false).error(error);
+            return ExitCode::FAILURE;
+        }
+        Ok(Err(error)) => {
             // Help and version are "errors" with exit code 0; nothing helps against a closed pipe.
             let _ = error.print();
             return ExitCode::from(error.exit_code().clamp(0, 255) as u8);

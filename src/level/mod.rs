@@ -19,6 +19,7 @@
 pub mod cell;
 pub mod diagnose;
 mod gradient;
+mod horizon;
 mod march;
 mod pyramid;
 mod texel;
@@ -27,6 +28,7 @@ pub mod trace;
 #[cfg(test)]
 mod tests;
 
+pub use horizon::{Horizon, MOST_BLOCKS, SLOPE};
 pub use pyramid::{LEVEL_SHIFTS, Pyramid};
 pub use texel::Site;
 pub use trace::{Counts, Hit, Outcome, Start};

@@ -13,6 +13,7 @@
 mod bake;
 mod combine;
 mod gather;
+mod open;
 mod path;
 mod replay;
 mod summary;
