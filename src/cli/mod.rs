@@ -78,7 +78,7 @@ enum Command {
     Demo(demo::Demo),
     Info(info::Info),
     Doctor(doctor::Doctor),
-    Plan(plan::Plan),
+    Plan(Box<plan::Plan>),
     Bake(Box<bake::Bake>),
     Merge(merge::Merge),
     Relight(Box<relight::Relight>),
