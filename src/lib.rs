@@ -54,7 +54,7 @@
 //! | [`sh`] | basis, coefficients, projection, rotation, windows | colour, images, volumes |
 //! | [`volume`] | samples and grid, readers from `impl Read`, analytic fields | light, rays |
 //! | [`level`] | rays with an isovalue for life, the min/max pyramid, roots in a cell, B-spline normals | light, SH, random numbers |
-//! | [`scene`] | materials over the isovalue, the encoding of colours, the plan of effects | solvers' insides |
+//! | [`scene`] | descriptions in TOML, materials over the isovalue, the encoding of colours, the plan of effects | solvers' insides |
 //! | [`transfer`] | lattice, layers, bricks, selections, the store on disk | how transfer was computed; probes |
 //! | [`transport`] | the estimators, error bars, the parallel loop, path tracing of one surface as reference | probes, meshes, files |
 //! | [`probe`] | environment images, skies, projection, orientation | volumes, transfer |

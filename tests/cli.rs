@@ -78,7 +78,7 @@ fn bytes(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 #[test]
 fn bake_then_relight_traces_nothing() {
     let bench = Bench::new();
-    let bake = bench.json("bake sphere:24 --rays 16 --layers 2 --bands 3 -o s.isolume");
+    let bake = bench.json("bake sphere:24 --rays 16 --layers 2 --bands 3 --effects +shadowing -o s.isolume");
     assert!(bake["bake"]["rays"].as_u64().is_some_and(|rays| rays > 1000), "{bake}");
     let lit =
         bench.json("relight s.isolume --isovalue -0.6 --env constant --albedo 0.5 --exposure 0 --radiance -o s.glb");
@@ -152,7 +152,7 @@ fn info_plan_env_and_replay_speak_json() {
     let plan = bench.json("plan bowl:17 --isovalues auto");
     let names: Vec<&str> =
         plan["effects"].as_array().expect("rows").iter().filter_map(|e| e["name"].as_str()).collect();
-    assert_eq!(names, ["shadowing", "interreflection", "emission", "bands", "texels"]);
+    assert_eq!(names, isolume::scene::EFFECTS);
     let replay = bench.json("bake bowl:17 --rays 8 --replay-texel 8,8,2");
     assert_eq!(replay["paths"].as_array().map(Vec::len), Some(8));
     let show = bench.json("env show courtyard");

@@ -1,11 +1,12 @@
 //! `isolume bake`: fills a transfer store.
 
-use super::baking::{ForLight, Goal, Job, Share, fill, parse_time, size_on_disk};
+use super::baking::{ForLight, Goal, Hints, Job, Share, fill, parse_time, size_on_disk};
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::light::open_probe;
 use super::options::BakeArgs;
-use super::{Failure, Outcome, input, output, replay};
+use super::scene::SceneFile;
+use super::{Failure, Outcome, output, replay};
 use crate::probe::Orientation;
 use crate::relight::Material;
 use crate::transfer::Layout;
@@ -28,8 +29,8 @@ use std::time::{Duration, Instant};
   isolume bake brain.nii.gz --chunks 1/2 -o brain.isolume   (and 2/2 on another machine; see merge)
   isolume bake brain.nii.gz --replay-texel 90,120,80")]
 pub(super) struct Bake {
-    /// Volume file, or a field such as bumpbox or gyroid:128
-    #[arg(value_name = "VOLUME")]
+    /// Volume file, a field such as bumpbox or gyroid:128, or a scene (.toml)
+    #[arg(value_name = "VOLUME|SCENE")]
     input: String,
     /// The store to make or to go on with, such as brain.isolume
     #[arg(short, long, value_name = "X.isolume", required_unless_present = "replay_texel")]
@@ -63,6 +64,11 @@ pub(super) struct Bake {
     /// Trace one texel alone, print its paths, and bake nothing
     #[arg(long, value_name = "X,Y,Z", value_parser = replay::parse_texel)]
     replay_texel: Option<[usize; 3]>,
+    /// Show the plan: which effects are simulated, why, and what is left out
+    #[arg(short, long)]
+    verbose: bool,
+    #[arg(skip)]
+    pub(super) scene: Option<SceneFile>,
 }
 
 impl Bake {
@@ -71,7 +77,9 @@ impl Bake {
         if let (Some(path), None) = (&self.output, self.replay_texel) {
             check_output(path)?;
         }
-        let opened = input::open(&self.input, &self.volume)?;
+        let scene = self.scene.as_ref();
+        let mut opened = super::scene::open(&self.input, &self.volume, scene)?;
+        self.bake.transfer.switch_shadows(&mut opened.volume);
         let volume = &opened.volume;
         for note in &volume.notes {
             console.note(&note.text);
@@ -85,18 +93,34 @@ impl Bake {
             console.note("every sample is the same: no surface, the store is empty");
             None
         } else {
-            self.bake.isovalues(volume, opened.default_isovalue)?
+            self.bake.isovalues(volume, opened.default_isovalue, scene)?
         };
         for isovalue in chosen.iter().flatten() {
             if let Some(reason) = &isovalue.reason {
                 console.note(format!("isovalue {}: {reason}", isovalue.value));
             }
         }
-        let isovalues = chosen.map(|list| list.iter().map(|c| c.value).collect());
+        let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let memory_limit = self.bake.transfer.memory_limit;
         let goal = Goal { error: self.bake.transfer.error, light: self.light(volume, &layout)?, time: self.time };
         let (label, estimator, share) = (&opened.label, self.bake.estimator, self.chunks);
-        let job = Job { volume, label, layout, settings, goal, estimator, isovalues, share, memory_limit, start };
+        let mut hints = Hints::of_scene(scene, volume.value_range(), isovalues.as_deref());
+        hints.shown = self.verbose;
+        let effects = &self.bake.transfer.effects();
+        let job = Job {
+            volume,
+            label,
+            layout,
+            settings,
+            goal,
+            estimator,
+            isovalues,
+            share,
+            memory_limit,
+            start,
+            effects,
+            hints,
+        };
         job.check_memory()?;
         let Some(path) = &self.output else {
             return Err(Failure::Message("the output is missing: give -o X.isolume".into()));

@@ -1,6 +1,6 @@
 //! `isolume demo`: the whole way from a volume to lit surfaces, without any file.
 
-use super::baking::{Estimator, Goal, Job, fill, size_on_disk};
+use super::baking::{Estimator, Goal, Hints, Job, fill, size_on_disk};
 use super::console::Console;
 use super::isovalue::Isovalue;
 use super::relight::{Relight, Relit};
@@ -9,6 +9,7 @@ use crate::error::Error;
 use crate::export::png::PngOptions;
 use crate::export::sheet::{SheetStyle, Tile, contact_sheet};
 use crate::export::{Image, atomic, png};
+use crate::scene::Effects;
 use crate::transfer::{Lattice, Layers, Layout};
 use crate::transport::Settings;
 use crate::volume::{ReadHint, Volume, read};
@@ -164,6 +165,8 @@ fn bake(volume: &Volume, store: &Path, seed: u64, console: &Console) -> Outcome<
         share: None,
         memory_limit: None,
         start,
+        effects: &Effects::default(),
+        hints: Hints::default(),
     };
     let (_, report) = fill(&job, store, console)?;
     let bytes = size_on_disk(store);

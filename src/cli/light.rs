@@ -94,8 +94,9 @@ pub(super) fn open_probe(argument: &str, keep_negative: bool, layout: Option<Lay
 }
 
 impl LightArgs {
-    /// The light of a probe in world axes, cut and windowed at the band limit of each layer.
-    pub(super) fn prepare(&self, probe: &Probe, up: Up, layers: &Layers) -> Result<Lighting> {
+    /// The light of a probe in world axes, cut and windowed at the band limit of each layer; `split`: without its
+    /// dominant lamps.
+    pub(super) fn prepare(&self, probe: &Probe, up: Up, layers: &Layers, split: bool) -> Result<Lighting> {
         if self.keep_negative && self.window == WindowName::Certified {
             let expected = "one of the two";
             let remedy = "light with negative pixels cannot be certified; leave one option out";
@@ -108,7 +109,7 @@ impl LightArgs {
         let mut notes = Vec::new();
         let mut suns = Vec::new();
         let mut direct = whole.clone();
-        if self.sun_split {
+        if split {
             let split = split_sun(probe, &SunOptions { bands, ..SunOptions::default() });
             if split.suns.is_empty() {
                 notes.push(format!("{}: no sun was split off: {}", probe.name, split.stopped));
@@ -145,15 +146,15 @@ impl LightArgs {
 /// What the surface is made of.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct MaterialArgs {
-    /// Diffuse reflectance, one number or r,g,b, linear; with --colormap a factor on its colours
-    #[arg(long, value_name = "RHO|R,G,B", default_value = "0.7", value_parser = parse_triple, allow_hyphen_values = true)]
-    pub(super) albedo: Triple,
+    /// Diffuse reflectance, one number or r,g,b, linear; with --colormap a factor on its colours [default: 0.7]
+    #[arg(long, value_name = "RHO|R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
+    pub(super) albedo: Option<Triple>,
     /// Colour by isovalue: a colour scale, over the range of the volume or of LOW..HIGH
     #[arg(long, value_name = "NAME[:LOW..HIGH]")]
     pub(super) colormap: Option<String>,
-    /// Emitted radiance, one number or r,g,b, linear
-    #[arg(long, value_name = "E|R,G,B", default_value = "0", value_parser = parse_triple, allow_hyphen_values = true)]
-    pub(super) emission: Triple,
+    /// Emitted radiance, one number or r,g,b, linear [default: 0]
+    #[arg(long, value_name = "E|R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
+    pub(super) emission: Option<Triple>,
     /// Exposure in stops, or auto: the 99th percentile of the brightest channel becomes white
     #[arg(long, value_name = "EV|auto", default_value = "auto", value_parser = parse_exposure, allow_hyphen_values = true)]
     pub(super) exposure: Exposure,
@@ -184,10 +185,15 @@ fn parse_exposure(text: &str) -> std::result::Result<Exposure, String> {
 }
 
 impl MaterialArgs {
+    /// Whether the albedo was given.
+    pub(super) fn says_albedo(&self) -> bool {
+        self.albedo.is_some() || self.colormap.is_some()
+    }
+
     /// The material of each isovalue; `range` is that of the volume.
     pub(super) fn rule(&self, range: (f64, f64)) -> Outcome<MaterialRule> {
-        let albedo = self.albedo.0;
-        Material::new(albedo, self.emission.0)?;
+        let albedo = self.albedo.map_or([0.7; 3], |albedo| albedo.0);
+        Material::new(albedo, self.emission.map_or([0.0; 3], |emission| emission.0))?;
         let Some(spec) = &self.colormap else {
             return Ok(MaterialRule::Constant(albedo));
         };

@@ -35,6 +35,7 @@ mod picture;
 mod plan;
 mod relight;
 mod replay;
+mod scene;
 mod surface;
 mod text;
 
@@ -78,7 +79,7 @@ enum Command {
     Demo(demo::Demo),
     Info(info::Info),
     Doctor(doctor::Doctor),
-    Plan(plan::Plan),
+    Plan(Box<plan::Plan>),
     Bake(Box<bake::Bake>),
     Merge(merge::Merge),
     Compare(compare::Compare),
@@ -113,9 +114,13 @@ type Outcome<T = ()> = Result<T, Failure>;
 
 /// Runs the program with the arguments of the process.
 pub fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
+    let cli = match scene::parse(std::env::args_os().collect()) {
+        Ok(Ok(cli)) => cli,
         Err(error) => {
+            Console::new(false, false).error(error);
+            return ExitCode::FAILURE;
+        }
+        Ok(Err(error)) => {
             // Help and version are "errors" with exit code 0; nothing helps against a closed pipe.
             let _ = error.print();
             return ExitCode::from(error.exit_code().clamp(0, 255) as u8);

@@ -2,12 +2,14 @@
 
 use super::baking::Estimator;
 use super::isovalue::{Chosen, Isovalue};
+use super::scene::SceneFile;
 use super::text;
 use crate::error::{Error, Result};
+use crate::scene::{EffectSwitch, Effects};
 use crate::sh::MAX_BANDS;
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, MAX_LAYERS};
 use crate::transport::{REPLICATES, Settings};
-use crate::volume::Volume;
+use crate::volume::{Shadowing, Volume};
 
 /// Quality of a transfer texture.
 #[derive(clap::Args, Clone, Debug)]
@@ -28,6 +30,10 @@ pub(super) struct TransferArgs {
     /// Resolution of the texture: a ratio to the data such as 0.5 or 2, or 128x128x96
     #[arg(long, default_value = "1", value_name = "RATIO|XxYxZ", value_parser = parse_texture)]
     pub(super) texture: Texture,
+    /// Switch effects of the plan on or off by hand, such as -interreflection or +shadowing,-emission (see `isolume plan`)
+    #[arg(long, value_name = "+NAME|-NAME[,…]", value_delimiter = ',', allow_hyphen_values = true,
+        value_parser = parse_effect)]
+    pub(super) effects: Vec<EffectSwitch>,
     /// Refuse to use more memory, such as 2GB [default: 80 % of this machine's]
     #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
     pub(super) memory_limit: Option<u64>,
@@ -64,6 +70,10 @@ pub(super) fn parse_rays(text: &str) -> std::result::Result<u32, String> {
     } else {
         Err("give a power of two from 4 to 1048576: 16 is a preview, 64 a draft, 256 final".into())
     }
+}
+
+fn parse_effect(text: &str) -> std::result::Result<EffectSwitch, String> {
+    text.trim().parse().map_err(|e: Error| e.to_string())
 }
 
 fn parse_error(text: &str) -> std::result::Result<f32, String> {
@@ -114,6 +124,7 @@ impl TransferArgs {
     /// Layout of the texture on a volume, with `bands` as given by the user.
     pub(super) fn layout(&self, volume: &Volume, bands: &[u8]) -> Result<Layout> {
         let bands: Vec<usize> = bands.iter().map(|&b| usize::from(b)).collect();
+        let direct_only = self.effects().switched("interreflection") == Some(false);
         let bands = match (bands.as_slice(), self.layers) {
             (&[one], layers) => vec![one; usize::from(layers.unwrap_or(4))],
             (list, Some(layers)) if list.len() != usize::from(layers) => {
@@ -126,6 +137,7 @@ impl TransferArgs {
             }
             (list, _) => list.to_vec(),
         };
+        let bands = if direct_only { bands[..1].to_vec() } else { bands };
         if self.positive && bands.windows(2).any(|w| w[0] != w[1]) {
             return Err(Error::argument(
                 "--bands",
@@ -141,6 +153,20 @@ impl TransferArgs {
         Ok(Layout { lattice, layers: Layers::new(bands)? })
     }
 
+    /// What was switched by hand.
+    pub(super) fn effects(&self) -> Effects {
+        Effects::new(self.effects.iter().copied())
+    }
+
+    /// Tells a volume which shadows count.
+    pub(super) fn switch_shadows(&self, volume: &mut Volume) {
+        volume.shadowing = match self.effects().switched("shadowing") {
+            None => Shadowing::Found,
+            Some(true) => Shadowing::Traced,
+            Some(false) => Shadowing::Ignored,
+        };
+    }
+
     /// Settings of the estimator; a target follows from the goal. `in_time`: texels stop by a given time.
     pub(super) fn settings(&self, layout: &Layout, seed: u64, in_time: bool) -> Settings {
         let stops = in_time || self.error.is_some();
@@ -151,11 +177,26 @@ impl TransferArgs {
 
 impl BakeArgs {
     /// The isovalues asked for, in the file's values; `None` for all.
-    pub(super) fn isovalues(&self, volume: &Volume, of_field: Option<f64>) -> Result<Option<Vec<Chosen>>> {
+    pub(super) fn isovalues(
+        &self,
+        volume: &Volume,
+        of_field: Option<f64>,
+        scene: Option<&SceneFile>,
+    ) -> Result<Option<Vec<Chosen>>> {
         if self.isovalues.is_empty() {
             return Ok(None);
         }
-        self.isovalues.iter().map(|i| i.resolve(volume, of_field)).collect::<Result<Vec<_>>>().map(Some)
+        let resolve = |i: &Isovalue| i.resolve(volume, of_field).map_err(|e| in_scene(e, scene, i));
+        self.isovalues.iter().map(resolve).collect::<Result<Vec<_>>>().map(Some)
+    }
+}
+
+/// Names the line of a scene that an isovalue stands in.
+pub(super) fn in_scene(error: Error, scene: Option<&SceneFile>, isovalue: &Isovalue) -> Error {
+    let Some(SceneFile { scene, .. }) = scene else { return error };
+    match scene.isovalues.iter().find(|i| i.value.parse().as_ref() == Ok(isovalue)) {
+        Some(written) => scene.at_line(written.line, error),
+        None => error,
     }
 }
 
@@ -167,7 +208,7 @@ pub(super) fn texel_bytes(layers: &Layers) -> u64 {
 /// Chunks that a bake holds at a time, and twice that while they are copied into their files.
 const CHUNKS_HELD: u64 = 8;
 
-/// Bytes that a bake needs at most: the volume with its pyramid and its copy on the way into the store, a
+/// Bytes that a bake needs at most: the volume with its pyramid, the bounds of its blocks and its copy on the way into the store, a
 /// selection for each isosurface and two more, and the chunks in work (written and old).
 pub(super) fn bake_bytes(volume: &Volume, layout: &Layout, isosurfaces: usize) -> u64 {
     let texels: u64 = layout.lattice.texels().iter().map(|&m| m as u64).product();
@@ -175,6 +216,7 @@ pub(super) fn bake_bytes(volume: &Volume, layout: &Layout, isosurfaces: usize) -
     let chunk = 64 * BRICK_TEXELS as u64 * texel_bytes(&layout.layers);
     2 * volume.samples().bytes().len() as u64
         + samples / 6
+        + samples * 3 / 8
         + texels / 8 * (isosurfaces as u64 + 2)
         + 2 * CHUNKS_HELD * chunk
 }

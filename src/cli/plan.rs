@@ -1,10 +1,11 @@
 //! `isolume plan`: what a bake would simulate, and why.
 
-use super::baking::{Goal, Job};
+use super::baking::{Goal, Hints, Job};
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::options::BakeArgs;
-use super::{Outcome, input, text};
+use super::scene::SceneFile;
+use super::{Outcome, text};
 use crate::level::Pyramid;
 use crate::scene;
 use std::time::Instant;
@@ -14,10 +15,12 @@ use std::time::Instant;
 /// A trial of two thousand texels with 16 rays each estimates what the volume does to light. Nothing is
 /// written.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  isolume plan brain.nii.gz --isovalues auto --rays 256")]
+#[command(
+    after_help = "Examples:\n  isolume plan brain.nii.gz --isovalues auto --rays 256\n  isolume plan scene.toml --effects -interreflection"
+)]
 pub(super) struct Plan {
-    /// Volume file, or a field such as bumpbox or gyroid:128
-    #[arg(value_name = "VOLUME")]
+    /// Volume file, a field such as bumpbox or gyroid:128, or a scene (.toml)
+    #[arg(value_name = "VOLUME|SCENE")]
     input: String,
     #[command(flatten)]
     bake: BakeArgs,
@@ -26,25 +29,46 @@ pub(super) struct Plan {
     /// Largest albedo that will be asked for [default: 0.7]
     #[arg(long, value_name = "RHO")]
     albedo: Option<f32>,
+    #[arg(skip)]
+    pub(super) scene: Option<SceneFile>,
 }
 
 impl Plan {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
-        let opened = input::open(&self.input, &self.volume)?;
+        let scene = self.scene.as_ref();
+        let mut opened = super::scene::open(&self.input, &self.volume, scene)?;
+        self.bake.transfer.switch_shadows(&mut opened.volume);
         let volume = &opened.volume;
         let layout = self.bake.transfer.layout(volume, &self.bake.bands)?;
         let settings = self.bake.transfer.settings(&layout, seed, false);
-        let chosen = self.bake.isovalues(volume, opened.default_isovalue)?;
-        let isovalues = chosen.map(|list| list.iter().map(|c| c.value).collect());
+        let chosen = self.bake.isovalues(volume, opened.default_isovalue, scene)?;
+        let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let memory_limit = self.bake.transfer.memory_limit;
         let goal = Goal { error: self.bake.transfer.error, ..Goal::default() };
         let (label, estimator, start) = (&opened.label, self.bake.estimator, Instant::now());
-        let job = Job { volume, label, layout, settings, goal, estimator, isovalues, share: None, memory_limit, start };
+        let mut hints = Hints::of_scene(scene, volume.value_range(), isovalues.as_deref());
+        hints.albedo = self.albedo.or(hints.albedo);
+        let effects = &self.bake.transfer.effects();
+        let share = None;
+        let job = Job {
+            volume,
+            label,
+            layout,
+            settings,
+            goal,
+            estimator,
+            isovalues,
+            share,
+            memory_limit,
+            start,
+            effects,
+            hints,
+        };
         if let Some(albedo) = self.albedo {
             crate::relight::Material::new([albedo; 3], [0.0; 3])?;
         }
         let pyramid = Pyramid::new(volume);
-        let plan = job.plan(&pyramid, self.albedo)?;
+        let plan = job.plan(&pyramid)?;
         console.print(table(&plan));
         console.print(format!(
             "\n{} texels with a level set, {}rays, at most {} in the store",

@@ -1,6 +1,6 @@
 //! `isolume relight`: light on surfaces, from a store, in milliseconds.
 
-use super::baking::{self, Estimator, Goal, Job};
+use super::baking::{self, Estimator, Goal, Hints, Job};
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::isovalue::{Chosen, Isovalue};
@@ -8,8 +8,9 @@ use super::light::{LightArgs, Lighting, MaterialArgs, open_probe};
 use super::options::TransferArgs;
 use super::output::{Format, Target, clean, make_folder, targets};
 use super::picture::{PictureArgs, check_size, develop};
+use super::scene::SceneFile;
 use super::surface::Surface;
-use super::{Failure, Outcome, info, input, text};
+use super::{Failure, Outcome, info, options, text};
 use crate::error::Error;
 use crate::export::gltf::{ColourFormat, GltfOptions};
 use crate::export::{Image, atomic, gltf, ply, png};
@@ -18,7 +19,7 @@ use crate::level::{Counts, Pyramid};
 use crate::probe::Probe;
 use crate::relight::{Contracted, Exposure, LookupReport, Material, SurfaceError, contract};
 use crate::render::{RenderOptions, render_with_suns, sun_visibility};
-use crate::scene::MaterialRule;
+use crate::scene::{Effects, EmissionRule, MaterialRule};
 use crate::transfer::store::Store;
 use crate::transfer::{Lattice, Layout};
 use crate::transport::Settings;
@@ -36,10 +37,11 @@ use std::time::{Duration, Instant};
 #[command(after_help = "Examples:
   isolume relight brain.isolume --isovalue 90 --env courtyard -o brain.glb
   isolume relight brain.isolume --isovalue 90,160 --env sunset.exr --env studio -o \"{isovalue}-{env}.png\"
-  isolume relight bumpbox:96 --isovalue auto --env sun:45,30 --view 30,40 -o bumps.png")]
+  isolume relight bumpbox:96 --isovalue auto --env sun:45,30 --view 30,40 -o bumps.png
+  isolume relight scene.toml --exposure -1")]
 pub(super) struct Relight {
-    /// Store, or a volume file or field that is baked first
-    #[arg(value_name = "X.isolume|VOLUME")]
+    /// Store, or a volume file, field or scene (.toml) that is baked first
+    #[arg(value_name = "X.isolume|VOLUME|SCENE")]
     input: String,
     /// Isovalues: numbers in the file's values, percentages of their range, or auto
     #[arg(short, long, value_name = "C[,C…]", value_delimiter = ',', required = true, allow_hyphen_values = true)]
@@ -47,9 +49,10 @@ pub(super) struct Relight {
     /// Environment: an image file, courtyard, studio, sunset, or a sky: constant, gradient, overcast, sky, sun:AZ,EL
     #[arg(short, long, value_name = "PROBE", required = true)]
     env: Vec<String>,
-    /// File to write; its ending decides the format. For several: a name with {isovalue} and {env}, or a directory
-    #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    /// File to write, or several; the ending decides the format. For several surfaces: a name with {isovalue} and {env},
+    /// or a directory
+    #[arg(short, long, value_name = "FILE", required = true)]
+    output: Vec<PathBuf>,
     /// Write an empty file, instead of an error, for an isovalue that no surface has
     #[arg(long)]
     allow_empty: bool,
@@ -71,6 +74,8 @@ pub(super) struct Relight {
     /// Write no draft before the result
     #[arg(long, help_heading = "Bake of a volume")]
     no_draft: bool,
+    #[arg(skip)]
+    pub(super) scene: Option<SceneFile>,
 }
 
 #[derive(clap::Args, Clone, Debug)]
@@ -178,6 +183,8 @@ struct Work<'a> {
     environments: Vec<String>,
     pyramid: Pyramid,
     rule: MaterialRule,
+    emission: EmissionRule,
+    effects: Effects,
     up: Up,
     start: Instant,
     /// What reading and preparing took.
@@ -192,6 +199,7 @@ struct Context<'a> {
     volume: &'a Volume,
     pyramid: &'a Pyramid,
     rule: &'a MaterialRule,
+    emission: &'a EmissionRule,
     up: Up,
     /// What to type to bake an isovalue that is missing.
     bake_hint: String,
@@ -216,6 +224,7 @@ impl Relight {
         self.material.rule((0.0, 1.0))?;
         let probes = self.open_probes(console)?;
         if info::is_store(&self.input) {
+            self.refuse_effects_of_bakes()?;
             let store = Store::open(&self.input)?;
             let volume = store.volume()?;
             let chosen = self.isovalues_of_store(&store, &volume)?;
@@ -223,11 +232,16 @@ impl Relight {
             let source = Source { store, transport_rays: 0 };
             return work.light(&source, Vec::new());
         }
-        let opened = input::open(&self.input, &self.volume)?;
+        let mut opened = super::scene::open(&self.input, &self.volume, self.scene.as_ref())?;
+        self.transfer.switch_shadows(&mut opened.volume);
         for note in &opened.volume.notes {
             console.note(&note.text);
         }
-        let resolve = |i: &Isovalue| self.resolve(i, &opened.volume, opened.default_isovalue);
+        let of_field = opened.default_isovalue;
+        let resolve = |i: &Isovalue| {
+            let resolved = self.resolve(i, &opened.volume, of_field);
+            resolved.map_err(|e| options::in_scene(e, self.scene.as_ref(), i))
+        };
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
         let work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
         work.bake_and_light(&opened.label, seed)
@@ -236,13 +250,62 @@ impl Relight {
     fn open_probes(&self, console: &Console) -> Outcome<Vec<Probe>> {
         let mut probes = Vec::new();
         for argument in &self.env {
-            let probe = open_probe(argument, self.light.keep_negative, self.light.layout)?;
+            let probe = open_probe(argument, self.light.keep_negative, self.light.layout)
+                .map_err(|error| self.in_scene(error, argument))?;
             for note in &probe.notes {
                 console.note(format!("{}: {} ({})", probe.name, note.text, text::count(note.count)));
             }
             probes.push(probe);
         }
         Ok(probes)
+    }
+
+    /// Names the line of the scene that an environment stands in.
+    fn in_scene(&self, error: Error, environment: &str) -> Error {
+        match &self.scene {
+            Some(file) if file.environment().as_deref() == Some(environment) => {
+                let line = file.scene.probe.as_ref().map_or(1, |probe| probe.name.line);
+                file.scene.at_line(line, error)
+            }
+            _ => error,
+        }
+    }
+
+    /// What a store holds cannot be switched any more.
+    fn refuse_effects_of_bakes(&self) -> Outcome {
+        let effects = self.transfer.effects();
+        let Some(name) = ["shadowing", "interreflection"].into_iter().find(|n| effects.switched(n).is_some()) else {
+            return Ok(());
+        };
+        let given = format!("{name} with a store");
+        let expected = "an effect that is not in the store already";
+        let remedy = "switch it at the bake, or relight the volume itself";
+        Err(Error::argument("--effects", given, expected, remedy).into())
+    }
+
+    /// Albedo over the isovalue: as options say, else the scene.
+    fn albedo_rule(&self, range: (f64, f64)) -> Outcome<MaterialRule> {
+        match self.scene.as_ref().and_then(|file| file.scene.albedo.as_ref()) {
+            Some(albedo) if !self.material.says_albedo() => Ok(albedo.rule(range)),
+            _ => self.material.rule(range),
+        }
+    }
+
+    /// Emission over the isovalue: as options say, else the scene; none where it is switched off.
+    fn emission_rule(&self) -> EmissionRule {
+        if self.transfer.effects().switched("emission") == Some(false) {
+            return EmissionRule::Constant([0.0; 3]);
+        }
+        let of_scene = self.scene.as_ref().and_then(|file| file.scene.emission.clone());
+        match self.material.emission {
+            Some(emission) => EmissionRule::Constant(emission.0),
+            None => of_scene.unwrap_or(EmissionRule::Constant([0.0; 3])),
+        }
+    }
+
+    /// Whether dominant lamps are lit apart.
+    fn splits_sun(&self) -> bool {
+        self.transfer.effects().switched("sun-split").unwrap_or(self.light.sun_split)
     }
 
     /// The isovalues asked for; `auto` is the one that the store holds, if it holds only some.
@@ -296,8 +359,8 @@ impl<'a> Work<'a> {
     ) -> Outcome<Self> {
         let isovalues: Vec<f64> = chosen.iter().map(|c| c.value).collect();
         let environments: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
-        let files = targets(&command.output, &volume.name, &isovalues, &environments)?;
-        if files.iter().any(|f| f.format == Format::Png) {
+        let files = all_targets(command, volume, &isovalues, &environments)?;
+        if files.iter().flatten().any(|f| f.format == Format::Png) {
             check_size(command.picture.size, command.transfer.memory_limit)?;
         }
         for c in chosen {
@@ -306,10 +369,25 @@ impl<'a> Work<'a> {
             }
         }
         let pyramid = Pyramid::new(volume);
-        let rule = command.material.rule(volume.value_range())?;
+        let rule = command.albedo_rule(volume.value_range())?;
+        let (emission, effects) = (command.emission_rule(), command.transfer.effects());
         let up = command.volume.up.unwrap_or(volume.up);
         let read_time = start.elapsed();
-        Ok(Self { command, volume, isovalues, probes, environments, pyramid, rule, up, start, read_time, console })
+        Ok(Self {
+            command,
+            volume,
+            isovalues,
+            probes,
+            environments,
+            pyramid,
+            rule,
+            emission,
+            effects,
+            up,
+            start,
+            read_time,
+            console,
+        })
     }
 
     /// Lights every isosurface from a store by every environment and writes the files.
@@ -320,19 +398,21 @@ impl<'a> Work<'a> {
             volume: self.volume,
             pyramid: &self.pyramid,
             rule: &self.rule,
+            emission: &self.emission,
             up: self.up,
             bake_hint: self.command.input.clone(),
         };
-        make_folder(&self.command.output)?;
+        self.command.output.iter().try_for_each(|output| make_folder(output))?;
         let mut surfaces = Vec::new();
         let mut written = Vec::new();
-        let files = targets(&self.command.output, &self.volume.name, &self.isovalues, &self.environments)?;
-        let mut files = files.into_iter();
+        let mut files = all_targets(self.command, self.volume, &self.isovalues, &self.environments)?.into_iter();
         for &isovalue in &self.isovalues {
             let surface = Surface::new(self.volume, &self.pyramid, source.store.layout().lattice, isovalue)?;
             surface.check_memory(self.volume, self.command.transfer.memory_limit)?;
-            for (probe, target) in self.probes.iter().zip(files.by_ref()) {
-                written.push(context.light(&surface, probe, target)?);
+            for (probe, targets) in self.probes.iter().zip(files.by_ref()) {
+                for target in targets {
+                    written.push(context.light(&surface, probe, target)?);
+                }
             }
             surfaces.push(surface);
         }
@@ -343,7 +423,8 @@ impl<'a> Work<'a> {
     /// Bakes what the isosurfaces need, coarsely first where the whole takes long, and lights them each time.
     fn bake_and_light(&self, label: &str, seed: u64) -> Outcome<Relit> {
         let transfer = &self.command.transfer;
-        let layout = transfer.layout(self.volume, &[5])?;
+        let bands = self.command.scene.as_ref().and_then(SceneFile::bands).unwrap_or(vec![5]);
+        let layout = transfer.layout(self.volume, &bands)?;
         let settings = transfer.settings(&layout, seed, false);
         let job = Job {
             volume: self.volume,
@@ -356,6 +437,8 @@ impl<'a> Work<'a> {
             share: None,
             memory_limit: transfer.memory_limit,
             start: self.start,
+            effects: &self.effects,
+            hints: Hints::default(),
         };
         job.check_memory()?;
         let folder = self.command.cache_folder()?;
@@ -430,13 +513,34 @@ const DRAFT_FROM_PATHS: u64 = 1 << 23;
 /// Share of the texels of a texture from which on a draft of half the resolution comes first.
 const DRAFT_SHARE: f64 = 0.05;
 
+/// For every isovalue and environment the files of all outputs.
+fn all_targets(
+    command: &Relight,
+    volume: &Volume,
+    isovalues: &[f64],
+    environments: &[String],
+) -> Outcome<Vec<Vec<Target>>> {
+    let mut all: Vec<Vec<Target>> = vec![Vec::new(); isovalues.len() * environments.len()];
+    for output in &command.output {
+        for (slot, target) in all.iter_mut().zip(targets(output, &volume.name, isovalues, environments)?) {
+            slot.push(target);
+        }
+    }
+    let paths: Vec<&PathBuf> = all.iter().flatten().map(|t| &t.path).collect();
+    if let Some(twice) = (1..paths.len()).find(|&i| paths[..i].contains(&paths[i])) {
+        let expected = "different names";
+        return Err(Error::argument("output", paths[twice].display(), expected, "two outputs are the same file").into());
+    }
+    Ok(all)
+}
+
 impl Context<'_> {
     fn light(&self, surface: &Surface, probe: &Probe, target: Target) -> Outcome<Written> {
         let c = self.command;
         let isovalue = surface.isovalue;
-        let lighting = c.light.prepare(probe, self.up, &self.store.layout().layers)?;
+        let lighting = c.light.prepare(probe, self.up, &self.store.layout().layers, c.splits_sun())?;
         let light = &lighting.light;
-        let material = Material::new(self.rule.albedo(isovalue), c.material.emission.0)?;
+        let material = Material::new(self.rule.albedo(isovalue), self.emission.at(isovalue))?;
         let mut times = Times::default();
         let start = Instant::now();
         let mut contracted = contract(self.store, &surface.bricks, light, &material)?;
@@ -703,6 +807,7 @@ fn report(console: &Console, relit: &Relit) {
         })).collect::<Vec<_>>(),
         "transport_rays": transport_rays,
         "camera_rays": camera_rays,
+        "sun_rays": written.iter().map(|w| w.sun_rays).sum::<u64>(),
     }));
 }
 

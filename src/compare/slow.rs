@@ -5,7 +5,7 @@ use super::Question;
 use crate::error::Result;
 use crate::relight::Tail;
 use crate::sampling::hash::key;
-use crate::transfer::{BRICK, Layers, Layout, Selection};
+use crate::transfer::{BRICK, Layers, Layout, Selection, validity};
 use crate::transport::{Bake, Settings, TexelEstimate, estimates};
 use std::collections::BTreeMap;
 
@@ -102,5 +102,7 @@ fn trilinear(layout: &Layout, position_in_grid: [f32; 3]) -> Vec<([usize; 3], f6
 fn stored_rays(q: &Question<'_>, texel: [usize; 3]) -> Result<u32> {
     let Some(brick) = q.texture.brick(texel.map(|t| t / BRICK))? else { return Ok(0) };
     let [x, y, z] = texel.map(|t| t % BRICK);
-    Ok(brick.rays[x + BRICK * (y + BRICK * z)])
+    let t = x + BRICK * (y + BRICK * z);
+    // An open texel has the closed form, which any number of paths gives that all escape.
+    Ok(if brick.validity[t] & validity::OPEN != 0 { q.texel_rays } else { brick.rays[t] })
 }

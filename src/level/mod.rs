@@ -20,6 +20,7 @@ pub mod cell;
 mod cone;
 pub mod diagnose;
 mod gradient;
+mod horizon;
 mod march;
 mod pyramid;
 mod texel;
@@ -28,6 +29,7 @@ pub mod trace;
 #[cfg(test)]
 mod tests;
 
+pub use horizon::{Horizon, MOST_BLOCKS, SLOPE};
 pub use pyramid::{BLOCK_SHIFT, Pyramid};
 pub use texel::Site;
 pub use trace::{Counts, Hit, Outcome, Start};

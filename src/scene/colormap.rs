@@ -1,5 +1,4 @@
-//! Materials as functions of the isovalue. If albedo depends on the isovalue alone, every level set has one
-//! albedo, and relighting and recolouring need no new transport (see [`crate::transport`]).
+//! Colour scales by name.
 
 use super::srgb::linear_from_srgb;
 use crate::error::{Error, Result};
@@ -51,36 +50,5 @@ impl Colormap {
     pub fn linear(&self, t: f64) -> [f32; 3] {
         let colour = self.gradient.eval_continuous(t.clamp(0.0, 1.0));
         [colour.r, colour.g, colour.b].map(|v| linear_from_srgb(f64::from(v) / 255.0) as f32)
-    }
-}
-
-/// Albedo as a function of the isovalue.
-#[derive(Clone, Debug)]
-pub enum MaterialRule {
-    /// The same for every isovalue, linear.
-    Constant([f32; 3]),
-    /// A colour scale over a range of isovalues, times a factor.
-    Map {
-        /// The scale.
-        colormap: Colormap,
-        /// Isovalue of its lower end.
-        low: f64,
-        /// Isovalue of its upper end.
-        high: f64,
-        /// Factor on the colour, at most 1.
-        scale: f32,
-    },
-}
-
-impl MaterialRule {
-    /// Linear albedo of the level set of an isovalue.
-    pub fn albedo(&self, isovalue: f64) -> [f32; 3] {
-        match self {
-            Self::Constant(albedo) => *albedo,
-            Self::Map { colormap, low, high, scale } => {
-                let t = if high > low { (isovalue - low) / (high - low) } else { 0.5 };
-                colormap.linear(t).map(|v| v * scale)
-            }
-        }
     }
 }

@@ -1,9 +1,17 @@
-//! What is to be lit: materials over the isovalue, the encoding of their colours, and the plan of effects. Knows nothing of the insides of
-//! solvers.
+//! What is to be lit: the description of a scene, materials over the isovalue, the encoding of their colours, and the
+//! plan of effects. Knows nothing of the insides of solvers.
 
 mod colormap;
+mod description;
+mod effects;
+mod material;
+mod names;
 mod plan;
 pub mod srgb;
 
-pub use colormap::{Colormap, MaterialRule};
+pub use colormap::Colormap;
+pub use description::{Albedo, BakeDescription, CameraDescription, Located, ProbeDescription, Scene, TextureSize};
+pub use effects::{EFFECTS, EffectSwitch, Effects};
+pub use material::{EmissionRule, MaterialRule, Table};
+pub use names::nearest;
 pub use plan::{Effect, Pilot, Plan, PlanInput, plan};

@@ -4,6 +4,7 @@
 //! The plan does not trace rays itself. What it must measure, a pilot of the transport measures for it
 //! ([`Pilot`]).
 
+use super::Effects;
 use serde::Serialize;
 
 /// What a small trial bake found.
@@ -21,6 +22,8 @@ pub struct Pilot {
     pub escapes: Vec<f64>,
     /// Share of the paths lost in the solid.
     pub lost_share: f64,
+    /// Valid texels of which it is declared or proven that nothing blocks their rays.
+    pub open: u64,
 }
 
 impl Pilot {
@@ -45,8 +48,14 @@ pub struct PlanInput<'a> {
     pub bands: &'a [usize],
     /// Largest albedo of any channel and isovalue; `None` = not chosen, take 0.7.
     pub albedo: Option<f32>,
-    /// Whether any isovalue emits.
-    pub emits: bool,
+    /// Largest emission of any channel and isovalue; `None` = not chosen.
+    pub emission: Option<f32>,
+    /// Whether the volume's solids are declared convex.
+    pub convex: bool,
+    /// What was switched by hand.
+    pub effects: &'a Effects,
+    /// Whether the dominant lamp of the environment is to be lit apart; `None` = not chosen.
+    pub sun_split: Option<bool>,
     /// Accepted error of the radiance relative to the brightest light, 0.01 = 1 %.
     pub tolerance: f64,
     /// Bytes of one texel in the store.
@@ -58,7 +67,7 @@ pub struct PlanInput<'a> {
 /// One row of the plan.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Effect {
-    /// Name: shadowing, interreflection, emission, bands, texels.
+    /// One of [`EFFECTS`](super::EFFECTS).
     pub name: &'static str,
     /// Whether it is simulated.
     pub on: bool,
@@ -93,106 +102,203 @@ pub struct Plan {
 pub fn plan(input: &PlanInput<'_>) -> Plan {
     let pilot = input.pilot;
     let layers = input.bands.len();
-    let albedo = f64::from(input.albedo.unwrap_or(0.7));
+    let albedo = f64::from(input.albedo.unwrap_or(DEFAULT_ALBEDO));
     let valid_share = pilot.valid as f64 / pilot.texels.max(1) as f64;
     let valid_texels = input.selected as f64 * valid_share;
-    let rays_per_path = pilot.rays as f64 / pilot.paths.max(1) as f64;
-    // Rays of bounce k ∝ S_k; the first rays are the shadowing.
-    let weights: Vec<f64> = (0..layers).map(|k| pilot.survival(k)).collect();
-    let all: f64 = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-
-    // Radiance that layers beyond the k-th can still add: ρ^(k+2) S_(k+1) max L.
-    let remainder = |k: usize| albedo.powi(k as i32 + 2) * pilot.survival(k + 1);
-    let needed = (0..layers).find(|&k| remainder(k) <= input.tolerance).map_or(layers, |k| k + 1);
-    let dropped = remainder(layers - 1);
-
-    let openness = pilot.escapes.first().copied().unwrap_or(1.0);
-    let shadowing = Effect {
-        name: "shadowing",
-        on: true,
-        setting: format!("{} paths a texel", input.rays),
-        reason: if openness < 1.0 {
-            format!(
-                "mean openness {:.3} in {} pilot texels: {:.1} % of first rays are blocked",
-                openness,
-                pilot.valid,
-                100.0 * (1.0 - openness)
-            )
-        } else {
-            format!(
-                "no first ray was blocked in {} pilot texels, which proves nothing; a share below {:.2e} may be",
-                pilot.valid,
-                3.0 / (pilot.rays.max(1) as f64)
-            )
-        },
-        error: None,
-        estimated: true,
-        cost_share: weights[0] / all,
+    let ignored = input.effects.switched("shadowing") == Some(false);
+    let rays_per_texel = if ignored {
+        0.0
+    } else {
+        pilot.rays as f64 / pilot.paths.max(1) as f64 * f64::from(input.rays) * (1.0 - open_share(pilot))
     };
-    let bounces = Effect {
-        name: "interreflection",
-        on: layers > 1 && albedo > 0.0,
-        setting: format!("{layers} layers, {} bounces", layers - 1),
-        reason: if albedo == 0.0 {
-            "albedo 0: nothing is reflected twice".into()
-        } else {
-            format!(
-                "albedo {albedo:.2}: what layer {} leaves out is {:.2} % of the brightest light, tolerance {:.2} %; {needed} of {layers} layers meet it",
-                layers - 1,
-                100.0 * dropped,
-                100.0 * input.tolerance
-            )
-        },
-        error: Some(dropped),
-        estimated: true,
-        cost_share: 1.0 - weights[0] / all,
-    };
-    let emission = Effect {
-        name: "emission",
-        on: input.emits,
-        setting: "from the stored chances to escape".into(),
-        reason: if input.emits { "some isovalue emits".into() } else { "no isovalue emits".into() },
-        error: None,
-        estimated: false,
-        cost_share: 0.0,
-    };
-    let bands = Effect {
-        name: "bands",
-        on: true,
-        setting: format!(
-            "{:?} bands a layer, {} coefficients",
-            input.bands,
-            input.bands.iter().map(|b| b * b).sum::<usize>()
-        ),
-        reason: "the environment is chosen at relight, which stops at the highest band that carries energy".into(),
-        error: None,
-        estimated: false,
-        cost_share: 0.0,
-    };
-    let texels = Effect {
-        name: "texels",
-        on: true,
-        setting: format!("{} of {}", input.selected, input.texels),
-        reason: match input.isovalues {
-            Some(list) => format!(
-                "{} isovalue(s) asked; {:.1} % of the texels are looked up",
-                list.len(),
-                100.0 * input.selected as f64 / input.texels.max(1) as f64
-            ),
-            None => format!(
-                "all isovalues; about {:.1} % of the texels have a level set with a normal",
-                100.0 * valid_share
-            ),
-        },
-        error: None,
-        estimated: true,
-        cost_share: 0.0,
-    };
+    let needed = (0..layers).find(|&k| remainder(pilot, albedo, k) <= input.tolerance).map_or(layers, |k| k + 1);
     Plan {
-        effects: vec![shadowing, bounces, emission, bands, texels],
+        effects: vec![
+            shadowing(input, albedo, ignored),
+            interreflection(input, albedo, needed, ignored),
+            colour_channels(),
+            emission(input),
+            absent("walls", "no rays", "the scene has no geometry besides the volume"),
+            absent("luminaires", "distant light alone", "the scene has no light besides its distant environment"),
+            absent("caustics", "no photons", "no part of the scene is mirror or glass, so nothing focuses light"),
+            absent("media", "transmittance 1", "the scene has no medium that absorbs or scatters"),
+            bands(input),
+            sun_split(input),
+            texels(input, valid_share),
+        ],
         layers_needed: needed,
-        rays: valid_texels * f64::from(input.rays) * rays_per_path,
+        rays: valid_texels * rays_per_texel,
         valid_texels,
         bytes: input.selected as f64 * input.bytes_per_texel as f64,
     }
+}
+
+/// Albedo where none was chosen, that of relighting.
+const DEFAULT_ALBEDO: f32 = 0.7;
+
+/// Radiance that layers beyond the k-th can still add, over the brightest light: ρ^(k+2) S_(k+1).
+fn remainder(pilot: &Pilot, albedo: f64, k: usize) -> f64 {
+    albedo.powi(k as i32 + 2) * pilot.survival(k + 1)
+}
+
+fn open_share(pilot: &Pilot) -> f64 {
+    pilot.open as f64 / pilot.valid.max(1) as f64
+}
+
+/// Share of the rays that are first rays. Rays of bounce k ∝ S_k.
+fn first_ray_share(input: &PlanInput<'_>) -> f64 {
+    let all: f64 = (0..input.bands.len()).map(|k| input.pilot.survival(k)).sum();
+    if input.pilot.rays == 0 { 0.0 } else { 1.0 / all.max(1.0) }
+}
+
+/// An effect that a scene of this kind cannot have.
+fn absent(name: &'static str, setting: &str, reason: &str) -> Effect {
+    Effect {
+        name,
+        on: false,
+        setting: setting.into(),
+        reason: reason.into(),
+        error: None,
+        estimated: false,
+        cost_share: 0.0,
+    }
+}
+
+fn shadowing(input: &PlanInput<'_>, albedo: f64, ignored: bool) -> Effect {
+    let pilot = input.pilot;
+    let blocked = pilot.survival(1);
+    let open = open_share(pilot);
+    let traced = format!("{} paths a texel", input.rays);
+    let always = input.effects.switched("shadowing") == Some(true);
+    let mut row = Effect {
+        on: !ignored,
+        setting: traced.clone(),
+        estimated: true,
+        cost_share: first_ray_share(input),
+        ..absent("shadowing", "", "")
+    };
+    if ignored {
+        row.setting = "clamped cosine, no rays".into();
+        row.reason = format!(
+            "switched off; {:.1} % of the first rays of {} pilot texels are blocked, which is ignored, and with it all \
+             interreflection",
+            100.0 * blocked,
+            pilot.valid
+        );
+        (row.error, row.cost_share) = (Some(albedo * blocked), 0.0);
+    } else if input.convex && !always {
+        row.on = false;
+        row.setting = "clamped cosine, no rays".into();
+        row.reason = "the solids are declared convex: nothing shades".into();
+        (row.error, row.estimated) = (Some(0.0), false);
+    } else if pilot.valid > 0 && pilot.open == pilot.valid {
+        row.on = false;
+        row.setting = format!("clamped cosine where proven, else {traced}");
+        row.reason =
+            format!("proven for all {} pilot texels: nothing of their level sets stands above them", pilot.valid);
+    } else if blocked > 0.0 {
+        row.reason = format!(
+            "mean openness {:.3} in {} pilot texels: {:.1} % of first rays are blocked; {}",
+            1.0 - blocked,
+            pilot.valid,
+            100.0 * blocked,
+            if always { "proofs are switched off".into() } else { format!("{:.1} % are proven open", 100.0 * open) }
+        );
+    } else {
+        row.reason = format!(
+            "no first ray was blocked in {} pilot texels, which proves nothing; a share below {:.2e} may be",
+            pilot.valid,
+            3.0 / (pilot.rays.max(1) as f64)
+        );
+    }
+    row
+}
+
+fn interreflection(input: &PlanInput<'_>, albedo: f64, needed: usize, ignored: bool) -> Effect {
+    let layers = input.bands.len();
+    let dropped = remainder(input.pilot, albedo, layers - 1);
+    let percent = |share: f64| 100.0 * share;
+    let mut row = Effect {
+        on: layers > 1 && albedo > 0.0,
+        setting: format!("{layers} layers, {} bounces", layers - 1),
+        error: Some(dropped),
+        estimated: true,
+        cost_share: if input.pilot.rays == 0 { 0.0 } else { 1.0 - first_ray_share(input) },
+        ..absent("interreflection", "", "")
+    };
+    row.reason = if albedo == 0.0 {
+        "albedo 0: nothing is reflected twice".into()
+    } else if ignored
+        || input.pilot.valid > 0 && input.pilot.survival(1) <= 0.0 && input.pilot.open == input.pilot.valid
+    {
+        (row.on, row.cost_share) = (false, 0.0);
+        (row.error, row.setting) =
+            (if ignored { Some(remainder(input.pilot, albedo, 0)) } else { Some(0.0) }, "none".into());
+        if ignored { "no ray meets anything: shadowing is switched off" } else { "no ray meets anything" }.into()
+    } else if input.effects.switched("interreflection") == Some(false) {
+        format!("switched off; direct light alone leaves out {:.2} % of the brightest light", percent(dropped))
+    } else {
+        format!(
+            "albedo {albedo:.2}: what layer {} leaves out is {:.2} % of the brightest light, tolerance {:.2} %; {needed} of {layers} layers {}",
+            layers - 1,
+            percent(dropped),
+            percent(input.tolerance),
+            if dropped <= input.tolerance { "meet it" } else { "do not meet it" },
+        )
+    };
+    row
+}
+
+fn colour_channels() -> Effect {
+    let reason = "no wall or luminaire has a colour: one grey transfer serves every albedo exactly";
+    absent("colour-channels", "grey layers", reason)
+}
+
+fn emission(input: &PlanInput<'_>) -> Effect {
+    let emits = input.emission.is_some_and(|e| e > 0.0);
+    let off = input.effects.switched("emission") == Some(false);
+    let mut row = absent("emission", "from the stored chances to escape, no rays", "");
+    row.on = emits && !off;
+    row.reason = match input.emission {
+        Some(e) if emits && off => {
+            row.error = Some(f64::from(e));
+            format!("switched off; radiance {e} of its own and what it lights are left out")
+        }
+        Some(e) if emits => format!("some isovalue emits, at most {e}"),
+        Some(_) => "no isovalue emits".into(),
+        None => "chosen at relight".into(),
+    };
+    row
+}
+
+fn bands(input: &PlanInput<'_>) -> Effect {
+    let coefficients = input.bands.iter().map(|b| b * b).sum::<usize>();
+    let setting = format!("{:?} bands a layer, {coefficients} coefficients", input.bands);
+    let reason = "the environment is chosen at relight, which stops at the highest band that carries energy";
+    Effect { on: true, ..absent("bands", &setting, reason) }
+}
+
+fn sun_split(input: &PlanInput<'_>) -> Effect {
+    let on = input.effects.switched("sun-split").or(input.sun_split);
+    let reason = match on {
+        Some(true) => "asked for: a dominant lamp is lit by visibility rays at relight, none in the bake",
+        Some(false) => "not asked for: a small sun rings in the bands that are stored",
+        None => "the environment is chosen at relight (--sun-split)",
+    };
+    Effect { on: on == Some(true), ..absent("sun-split", "no rays in the bake", reason) }
+}
+
+fn texels(input: &PlanInput<'_>, valid_share: f64) -> Effect {
+    let setting = format!("{} of {}", input.selected, input.texels);
+    let reason = match input.isovalues {
+        Some(list) => format!(
+            "{} isovalue(s) asked; {:.1} % of the texels are looked up",
+            list.len(),
+            100.0 * input.selected as f64 / input.texels.max(1) as f64
+        ),
+        None => {
+            format!("all isovalues; about {:.1} % of the texels have a level set with a normal", 100.0 * valid_share)
+        }
+    };
+    Effect { on: true, estimated: true, ..absent("texels", &setting, &reason) }
 }

@@ -48,6 +48,8 @@ pub mod validity {
     pub const CLAMPED: u8 = 2;
     /// Its transfer was filled from neighbours.
     pub const FILLED: u8 = 4;
+    /// Nothing can block its rays: the clamped cosine in closed form, of no rays and no error.
+    pub const OPEN: u8 = 8;
 }
 
 /// Where the texels of a texture sit in the grid of a volume.

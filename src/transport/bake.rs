@@ -2,6 +2,7 @@
 //! pure function of (seed, texel, replicate, bounce, path), so the bytes do not depend on threads or
 //! on which chunks are baked together.
 
+use super::open::{Openness, unoccluded};
 use super::path::{Scratch, Settings, TexelEstimate, estimate};
 use super::summary::Summary;
 use crate::error::{Error, Result};
@@ -123,6 +124,7 @@ pub(super) fn run<T: Sample>(
     sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
 ) -> Result<Summary> {
     let mut total = Summary::new(&bake.settings.layers);
+    let openness = Openness::of(bake.volume, field);
     const PER_SIDE: usize = CHUNK / BRICK;
     const BRICKS: usize = PER_SIDE * PER_SIDE * PER_SIDE;
     for group in chunks.chunks(GROUP) {
@@ -140,7 +142,7 @@ pub(super) fn run<T: Sample>(
                 if progress.cancel.load(Ordering::Relaxed) || !bake.selection.touches_brick(index) {
                     return old.map(|brick| BrickOutput { brick: brick.clone(), summary: Summary::default() });
                 }
-                let output = brick_with(field, bake, estimator, index, old, scratch);
+                let output = brick_with(field, bake, &openness, estimator, index, old, scratch);
                 progress.texels.fetch_add(output.summary.texels, Ordering::Relaxed);
                 progress.rays.fetch_add(output.summary.counts.rays, Ordering::Relaxed);
                 Some(output)
@@ -168,13 +170,15 @@ pub fn bake_brick(bake: &Bake<'_>, index: [usize; 3]) -> Result<BrickOutput> {
     bake.check()?;
     Ok(with_samples!(bake.volume.samples(), s => {
         let field = LevelField::new(bake.volume, s, bake.pyramid);
-        brick_with(&field, bake, &by_path(&field, bake), index, None, &mut Scratch::default())
+        let openness = Openness::of(bake.volume, &field);
+        brick_with(&field, bake, &openness, &by_path(&field, bake), index, None, &mut Scratch::default())
     }))
 }
 
 fn brick_with<T: Sample>(
     field: &LevelField<'_, T>,
     bake: &Bake<'_>,
+    openness: &Openness<'_, '_, T>,
     estimator: &Estimator<'_>,
     index: [usize; 3],
     old: Option<&Brick>,
@@ -208,21 +212,28 @@ fn brick_with<T: Sample>(
             continue;
         }
         let item = (texel[0] + mx * (texel[1] + my * texel[2])) as u64;
-        estimator(&site, item, scratch, &mut summary.counts, &mut texel_estimate);
-        tally(&texel_estimate, site.clamped, &mut summary);
+        let is_open = openness.admits(&site);
+        if is_open {
+            unoccluded(bake.settings, &site, &mut texel_estimate);
+        } else {
+            estimator(&site, item, scratch, &mut summary.counts, &mut texel_estimate);
+        }
+        tally(&texel_estimate, site.clamped, is_open, &mut summary);
         if has_more(texel_estimate.rays) {
             continue;
         }
         transfer.convert_from_f32_slice(&texel_estimate.transfer);
         stderr.convert_from_f32_slice(&texel_estimate.stderr);
-        brick.validity[t] = validity::VALID | if site.clamped { validity::CLAMPED } else { 0 };
+        let flag = |is_set: bool, flag: u8| if is_set { flag } else { 0 };
+        brick.validity[t] = validity::VALID | flag(site.clamped, validity::CLAMPED) | flag(is_open, validity::OPEN);
         brick.rays[t] = texel_estimate.rays;
     }
     BrickOutput { brick, summary }
 }
 
-fn tally(texel: &TexelEstimate, clamped: bool, summary: &mut Summary) {
+fn tally(texel: &TexelEstimate, clamped: bool, open: bool, summary: &mut Summary) {
     summary.valid += 1;
+    summary.open += u64::from(open);
     summary.clamped += u64::from(clamped);
     summary.degenerate += u64::from(texel.degenerate);
     summary.paths += u64::from(texel.rays);
@@ -273,10 +284,11 @@ pub fn trial(bake: &Bake<'_>, bricks: &[[usize; 3]]) -> Result<Summary> {
     with_samples!(bake.volume.samples(), s => {
         let field = LevelField::new(bake.volume, s, bake.pyramid);
         let estimator = by_path(&field, bake);
+        let openness = Openness::of(bake.volume, &field);
         let parts: Vec<Summary> = bricks
             .par_iter()
             .map_init(Scratch::default, |scratch, &index| {
-                brick_with(&field, bake, &estimator, index, None, scratch).summary
+                brick_with(&field, bake, &openness, &estimator, index, None, scratch).summary
             })
             .collect();
         let mut total = Summary::new(&bake.settings.layers);
@@ -286,7 +298,7 @@ pub fn trial(bake: &Bake<'_>, bricks: &[[usize; 3]]) -> Result<Summary> {
 }
 
 /// A small bake of every `stride`-th selected texel, for estimates before the real one; nothing is kept
-/// but the totals.
+/// but the totals. Shadows that the volume is told to ignore count here, so that the plan can tell what is dropped.
 ///
 /// # Errors
 /// As [`bake`].
@@ -309,6 +321,7 @@ pub fn pilot(bake: &Bake<'_>, texels: u64) -> Result<Summary> {
     }
     with_samples!(bake.volume.samples(), s => {
         let field = LevelField::new(bake.volume, s, bake.pyramid);
+        let openness = Openness::of_pilot(bake.volume, &field);
         let parts: Vec<Summary> = picked
             .par_chunks(64)
             .map_init(Scratch::default, |scratch, part| {
@@ -317,8 +330,14 @@ pub fn pilot(bake: &Bake<'_>, texels: u64) -> Result<Summary> {
                 for &(texel, item) in part {
                     summary.texels += 1;
                     if let Some(site) = field.site(bake.layout.lattice.grid_from_texel(texel)) {
-                        estimate(&field, &site, item, bake.settings, scratch, &mut summary.counts, &mut texel_estimate);
-                        tally(&texel_estimate, site.clamped, &mut summary);
+                        let is_open = openness.admits(&site);
+                        if is_open {
+                            unoccluded(bake.settings, &site, &mut texel_estimate);
+                        } else {
+                            let counts = &mut summary.counts;
+                            estimate(&field, &site, item, bake.settings, scratch, counts, &mut texel_estimate);
+                        }
+                        tally(&texel_estimate, site.clamped, is_open, &mut summary);
                     }
                 }
                 summary

@@ -121,7 +121,7 @@ fn stated_variance(layers: &Layers, weights: &[f32], texel: &TexelEstimate) -> f
 }
 
 /// T of a convex body: A_l/π Y_lm(n).
-fn clamped_cosine(bands: usize, normal: Normal, out: &mut [f32]) {
+pub(super) fn clamped_cosine(bands: usize, normal: Normal, out: &mut [f32]) {
     sh::basis::evaluate_f32(bands, normal.vec(), out);
     for l in 0..bands {
         let factor = (sh::CLAMPED_COSINE[l] / std::f64::consts::PI) as f32;

@@ -14,6 +14,7 @@ mod bake;
 mod combine;
 mod direct;
 mod gather;
+mod open;
 mod path;
 mod replay;
 mod summary;

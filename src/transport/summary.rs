@@ -12,6 +12,8 @@ pub struct Summary {
     pub valid: u64,
     /// Valid texels whose isovalue was clamped.
     pub clamped: u64,
+    /// Valid texels whose rays provably cannot be blocked (or are declared not to be): in closed form, without rays.
+    pub open: u64,
     /// Valid texels whose replicates all gave the same openness.
     pub degenerate: u64,
     /// Paths that the estimates are made of.
@@ -96,6 +98,7 @@ impl Summary {
         self.texels += other.texels;
         self.valid += other.valid;
         self.clamped += other.clamped;
+        self.open += other.open;
         self.degenerate += other.degenerate;
         self.paths += other.paths;
         self.lost += other.lost;

@@ -165,8 +165,24 @@ pub struct Volume {
     pub up: Up,
     /// Which side is matter.
     pub solid: Solid,
+    /// The side on which the solid of every isovalue is declared convex; see [`field::Field::convex_side`].
+    pub convex_side: Option<Solid>,
+    /// Whether its level sets can shade themselves.
+    pub shadowing: Shadowing,
     /// What the reader noticed.
     pub notes: Vec<Note>,
+}
+
+/// What is taken for granted of the shadows that a level set casts on itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Shadowing {
+    /// Nothing: a texel is traced unless it is declared or proven that its rays cannot be blocked.
+    #[default]
+    Found,
+    /// Every texel is traced, proofs and declarations notwithstanding.
+    Traced,
+    /// No texel is traced: all are lit as if unoccluded.
+    Ignored,
 }
 
 impl Volume {
@@ -216,6 +232,8 @@ impl Volume {
             unit: LengthUnit::Unknown,
             up: Up::Z,
             solid: Solid::Above,
+            convex_side: None,
+            shadowing: Shadowing::Found,
             notes: Vec::new(),
         })
     }
@@ -288,6 +306,11 @@ impl Volume {
     pub fn solid_sign(&self) -> f32 {
         let above = self.solid == Solid::Above;
         if above == (self.slope > 0.0) { 1.0 } else { -1.0 }
+    }
+
+    /// Whether the solids of the side that is matter are declared convex.
+    pub fn is_convex(&self) -> bool {
+        self.convex_side == Some(self.solid)
     }
 
     /// Linear index of a grid point.

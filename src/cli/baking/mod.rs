@@ -7,15 +7,17 @@ mod todo;
 pub(super) use goal::{ForLight, Goal, parse_time};
 
 use super::console::{Console, interrupts};
+use super::scene::SceneFile;
 use super::{Failure, Outcome, options};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::relight::texels_of_isosurface;
 use crate::scene;
+use crate::scene::Effects;
 use crate::transfer::store::{ChunkExtent, Identity, Store};
 use crate::transfer::{Brick, Layout, Selection};
 use crate::transport::{Bake, Bias, GatherSettings, Progress, Settings, Summary, Target, bake, gather, pilot};
-use crate::volume::Volume;
+use crate::volume::{Shadowing, Volume};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -45,6 +47,35 @@ pub(super) struct Job<'a> {
     pub(super) memory_limit: Option<u64>,
     /// When the command began.
     pub(super) start: Instant,
+    pub(super) effects: &'a Effects,
+    pub(super) hints: Hints,
+}
+
+/// What is known before relighting of what it will ask for; it decides nothing but the plan.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Hints {
+    /// Largest albedo of any channel and isovalue.
+    pub(super) albedo: Option<f32>,
+    /// Largest emission of any channel and isovalue.
+    pub(super) emission: Option<f32>,
+    /// Whether the dominant lamp is lit apart.
+    pub(super) sun_split: Option<bool>,
+    /// Whether the plan is to be shown.
+    pub(super) shown: bool,
+}
+
+impl Hints {
+    /// What a scene says, of some isovalues or of all.
+    pub(super) fn of_scene(scene: Option<&SceneFile>, range: (f64, f64), isovalues: Option<&[f64]>) -> Self {
+        let Some(file) = scene else { return Self::default() };
+        let scene = &file.scene;
+        Self {
+            albedo: scene.albedo.as_ref().map(|albedo| albedo.rule(range).largest_albedo(isovalues)),
+            emission: Some(scene.emission.as_ref().map_or(0.0, |emission| emission.largest(isovalues))),
+            sun_split: scene.probe.as_ref().map(|probe| probe.sun_split == Some(true)),
+            shown: false,
+        }
+    }
 }
 
 /// Who computes the transfer.
@@ -93,6 +124,8 @@ pub(super) struct Report {
     /// The standard error that texels had to reach.
     pub(super) error: Option<f64>,
     pub(super) goal: Value,
+    /// The plan, where it was asked for.
+    pub(super) plan: Option<scene::Plan>,
     /// Of the estimator `gather`.
     pub(super) bias: Option<Bias>,
     pub(super) prepare: Duration,
@@ -109,15 +142,21 @@ impl Job<'_> {
     /// The estimator as it stands in stores. The texels of `gather` depend on their neighbours, so which isosurfaces
     /// are baked together is part of its name.
     fn estimator_name(&self) -> String {
+        let shadows = match self.volume.shadowing {
+            Shadowing::Ignored => "; shadowing ignored",
+            Shadowing::Traced => "; every texel traced",
+            Shadowing::Found if self.volume.is_convex() => "; solids declared convex",
+            Shadowing::Found => "",
+        };
         match self.estimator {
-            Estimator::Path => "path".into(),
+            Estimator::Path => format!("path{shadows}"),
             Estimator::Gather => {
                 let how = self.gather_settings();
                 let list = |l: &Vec<f64>| l.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
                 let isovalues = self.isovalues.as_ref().map_or("all".into(), list);
                 let rays = self.settings.rays;
                 format!(
-                    "gather: {} passes of {}, then {rays} rays; isovalues {isovalues}",
+                    "gather: {} passes of {}, then {rays} rays; isovalues {isovalues}{shadows}",
                     how.passes - 1,
                     how.cache_rays
                 )
@@ -169,8 +208,8 @@ impl Job<'_> {
     }
 
     /// The plan of effects, from a trial of a few texels.
-    pub(super) fn plan(&self, pyramid: &Pyramid, albedo: Option<f32>) -> Result<scene::Plan> {
-        self.plan_of(pyramid, &self.selection(), self.isovalues.as_deref(), self.settings.rays, albedo)
+    pub(super) fn plan(&self, pyramid: &Pyramid) -> Result<scene::Plan> {
+        self.plan_of(pyramid, &self.selection(), self.isovalues.as_deref(), self.settings.rays, self.hints)
     }
 
     fn plan_of(
@@ -179,7 +218,7 @@ impl Job<'_> {
         selection: &Selection,
         isovalues: Option<&[f64]>,
         rays: u32,
-        albedo: Option<f32>,
+        hints: Hints,
     ) -> Result<scene::Plan> {
         let settings = Settings { rays: PILOT_RAYS, target: None, ..self.settings.clone() };
         let (volume, layout) = (self.volume, &self.layout);
@@ -191,6 +230,7 @@ impl Job<'_> {
             rays: trial.counts.rays,
             escapes: trial.mean_escapes(),
             lost_share: trial.lost_share(),
+            open: trial.open,
         };
         Ok(scene::plan(&scene::PlanInput {
             texels: layout.lattice.texels().iter().map(|&m| m as u64).product(),
@@ -198,8 +238,11 @@ impl Job<'_> {
             isovalues,
             rays,
             bands: layout.layers.bands(),
-            albedo,
-            emits: false,
+            albedo: hints.albedo,
+            emission: hints.emission,
+            convex: volume.is_convex(),
+            effects: self.effects,
+            sun_split: hints.sun_split,
             tolerance: TOLERANCE,
             bytes_per_texel: options::texel_bytes(&layout.layers),
             pilot: &pilot,
@@ -210,7 +253,7 @@ impl Job<'_> {
     /// later: isovalues, rays and errors stand with the chunks. So the plan is that of all isosurfaces at 64 rays.
     fn provenance(&self, pyramid: &Pyramid) -> Result<Value> {
         let selection = Selection::of_all_isosurfaces(self.layout.lattice, self.volume);
-        let plan = self.plan_of(pyramid, &selection, None, 64, None)?;
+        let plan = self.plan_of(pyramid, &selection, None, 64, Hints::default())?;
         Ok(json!({
             "program": concat!("isolume ", env!("CARGO_PKG_VERSION")),
             "input": self.label,
@@ -224,8 +267,13 @@ pub(super) fn fill(job: &Job<'_>, path: &Path, console: &Console) -> Outcome<(St
     job.check_memory()?;
     let pyramid = Pyramid::new(job.volume);
     let provenance = if path.symlink_metadata().is_ok() { Value::Null } else { job.provenance(&pyramid)? };
-    let mut store = Store::open_or_create(path, job.volume, &job.identity(), provenance)?;
     let mut report = Report::default();
+    if job.hints.shown {
+        let plan = job.plan(&pyramid)?;
+        console.print(super::plan::table(&plan));
+        report.plan = Some(plan);
+    }
+    let mut store = Store::open_or_create(path, job.volume, &job.identity(), provenance)?;
     {
         let _lock = match job.share {
             None => store.lock()?,

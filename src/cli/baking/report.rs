@@ -37,6 +37,7 @@ impl Report {
                     text::number(s.paths as f64 / s.valid.max(1) as f64, 4)
                 ),
             ),
+            ("effects", self.effects_line()),
             (
                 "paths",
                 format!(
@@ -79,9 +80,46 @@ impl Report {
         ];
         let mut rows: Vec<_> = rows.into_iter().map(|(name, value)| vec![name.to_string(), value]).collect();
         if let Some(bias) = &self.bias {
-            rows.insert(5, vec!["bias".into(), bias_line(bias)]);
+            rows.insert(6, vec!["bias".into(), bias_line(bias)]);
         }
         text::table(&rows)
+    }
+
+    /// First rays of all paths, and the rays that came after: bounces, and with `gather` what fills and checks its cache.
+    fn rays_by_effect(&self) -> [u64; 2] {
+        let s = &self.summary;
+        [s.paths, s.counts.rays.saturating_sub(s.paths)]
+    }
+
+    fn effects_line(&self) -> String {
+        let [first, later] = self.rays_by_effect().map(|n| text::metric(n as f64));
+        let s = &self.summary;
+        let open = s.open as f64 / s.valid.max(1) as f64;
+        format!(
+            "shadowing {}rays, interreflection {}rays; {} texels cannot be shaded ({}): closed form, no rays",
+            first,
+            later,
+            text::count(s.open),
+            text::percent(open)
+        )
+    }
+
+    /// Work by effect. What this program cannot simulate yet has counters all the same: they are 0.
+    fn effects_json(&self) -> Value {
+        let [first, later] = self.rays_by_effect();
+        let s = &self.summary;
+        // Where texels stop at an error, nobody knows how many they would have got.
+        let saved = self.error.is_none().then(|| s.open * u64::from(self.rays));
+        json!({
+            "shadowing": { "rays": first, "open_texels": s.open, "first_rays_saved": saved },
+            "interreflection": { "rays": later },
+            "emission": { "rays": 0 },
+            "walls": { "rays": 0 },
+            "luminaires": { "rays": 0 },
+            "caustics": { "photons": 0 },
+            "media": { "rays": 0 },
+            "sun-split": { "rays": 0 },
+        })
     }
 
     /// The report for machines.
@@ -90,6 +128,8 @@ impl Report {
         json!({
             "texels": { "asked": s.texels, "valid": s.valid, "clamped": s.clamped, "degenerate": s.degenerate },
             "rays": s.counts.rays,
+            "effects": self.effects_json(),
+            "plan": self.plan.as_ref().map(|plan| &plan.effects),
             "rays_per_texel": self.rays,
             "error_target": self.error,
             "goal": self.goal,

@@ -50,6 +50,12 @@ pub trait Field: Send + Sync {
         Solid::Above
     }
 
+    /// The side on which the solid of *every* isovalue is convex, if there is one: it then shades nothing, and its
+    /// transfer is the clamped cosine. A field that declares one answers for it.
+    fn convex_side(&self) -> Option<Solid> {
+        None
+    }
+
     /// An isovalue worth seeing, strictly within the range of values.
     fn default_isovalue(&self) -> f64;
 
@@ -107,6 +113,7 @@ pub fn sample(field: &dyn Field, dims: [usize; 3]) -> Result<Volume> {
     volume.name = field.name().into();
     volume.up = field.up();
     volume.solid = field.solid();
+    volume.convex_side = field.convex_side();
     Ok(volume)
 }
 

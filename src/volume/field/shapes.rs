@@ -1,6 +1,6 @@
 //! Sphere, bowl, gyroid, torus, sphere over plane.
 
-use super::Field;
+use super::{Field, Solid};
 use crate::error::{Error, Result};
 use crate::geom::Bounds;
 use glam::DVec3;
@@ -20,6 +20,10 @@ impl Field for Sphere {
 
     fn value(&self, point_in_world: DVec3) -> f64 {
         -point_in_world.length()
+    }
+
+    fn convex_side(&self) -> Option<Solid> {
+        Some(Solid::Above)
     }
 
     fn bounds(&self) -> Bounds {

@@ -1,0 +1,187 @@
+//! A scene file where a command takes a volume: what it says becomes options, for those that were not given.
+
+use super::input::{Input, VolumeArgs};
+use super::{Cli, Command, Outcome, input};
+use crate::error::{Error, Result};
+use crate::geom::Up;
+use crate::scene::{Scene, TextureSize, nearest};
+use crate::volume::{Solid, field};
+use clap::parser::ValueSource;
+use clap::{CommandFactory, FromArgMatches};
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+/// A scene and the folder that its paths start from.
+#[derive(Clone, Debug)]
+pub(super) struct SceneFile {
+    pub(super) scene: Scene,
+    folder: PathBuf,
+}
+
+/// Commands that take a scene.
+const COMMANDS: [&str; 3] = ["bake", "plan", "relight"];
+
+/// An option as the line of a command has it, and the name by which clap knows it.
+type Written = (&'static str, String);
+
+/// Parses a command line. Options that it does not give come from the scene, if it names one.
+pub(super) fn parse(line: Vec<OsString>) -> Result<std::result::Result<Cli, clap::Error>> {
+    let is_scene = |word: &OsString| word.to_string_lossy().to_ascii_lowercase().ends_with(".toml");
+    if !line.iter().any(is_scene) {
+        return Ok(Cli::command().try_get_matches_from(line).and_then(|m| Cli::from_arg_matches(&m)));
+    }
+    // A first look, in which options that the scene will give may be missing.
+    let lenient = Cli::command().ignore_errors(true).try_get_matches_from(&line);
+    let found = lenient.ok().and_then(|matches| {
+        let (command, given) = matches.subcommand().filter(|(name, _)| COMMANDS.contains(name))?;
+        let input = given.try_get_one::<String>("input").ok()??.clone();
+        is_scene(&OsString::from(&input)).then(|| (command.to_string(), given.clone(), input))
+    });
+    let Some((command, given, input)) = found else {
+        return Ok(Cli::command().try_get_matches_from(line).and_then(|m| Cli::from_arg_matches(&m)));
+    };
+    let file = SceneFile::read(&input)?;
+    let absent =
+        |id: &str| given.try_contains_id(id).is_ok() && given.value_source(id) != Some(ValueSource::CommandLine);
+    let options = file.options(&command).into_iter().filter(|(id, _)| absent(id)).map(|(_, text)| OsString::from(text));
+    let line: Vec<OsString> = line.into_iter().chain(options).collect();
+    let parsed = Cli::command().try_get_matches_from(line).and_then(|m| Cli::from_arg_matches(&m));
+    Ok(parsed.map(|mut cli| {
+        match &mut cli.command {
+            Command::Bake(bake) => bake.scene = Some(file),
+            Command::Plan(plan) => plan.scene = Some(file),
+            Command::Relight(relight) => relight.scene = Some(file),
+            _ => {}
+        }
+        cli
+    }))
+}
+
+/// Opens the volume of an argument, or of the scene that it names.
+pub(super) fn open(argument: &str, args: &VolumeArgs, scene: Option<&SceneFile>) -> Outcome<Input> {
+    let Some(file) = scene else { return input::open(argument, args) };
+    input::open(&file.volume(), args).map_err(|failure| match failure {
+        super::Failure::Library(error) => file.scene.at_line(file.scene.volume.line, error).into(),
+        other => other,
+    })
+}
+
+impl SceneFile {
+    fn read(path: &str) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(|e| {
+            let folder = Path::new(path).parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            let beside = std::fs::read_dir(folder).map(|d| d.flatten().collect::<Vec<_>>()).unwrap_or_default();
+            let beside: Vec<String> = beside.iter().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
+            let scenes = beside.iter().map(String::as_str).filter(|n| n.ends_with(".toml"));
+            match nearest(&input::file_name(path), scenes).filter(|_| e.kind() == std::io::ErrorKind::NotFound) {
+                Some(near) => {
+                    let remedy = format!("did you mean {}?", Path::new(path).with_file_name(near).display());
+                    Error::argument("scene", path, "a scene file that exists", remedy)
+                }
+                None => Error::io(path, "read the scene", e),
+            }
+        })?;
+        let folder = Path::new(path).parent().map(Path::to_path_buf).unwrap_or_default();
+        let file = Self { scene: Scene::parse(&text, path)?, folder };
+        if let Some(probe) = file.scene.probe.as_ref().filter(|p| p.is_file) {
+            let place = file.folder.join(&probe.name.value);
+            if !place.exists() {
+                let remedy = "correct the path; it starts from the folder of the scene";
+                let error = Error::argument("probe.file", place.display(), "an environment image that exists", remedy);
+                return Err(file.scene.at_line(probe.name.line, error));
+            }
+        }
+        Ok(file)
+    }
+
+    /// The volume as `isolume` takes it.
+    fn volume(&self) -> String {
+        let name = &self.scene.volume.value;
+        let is_field = !matches!(field::by_name(name), Ok(None));
+        if is_field { name.clone() } else { self.folder.join(name).display().to_string() }
+    }
+
+    /// The environment as `isolume` takes it.
+    pub(super) fn environment(&self) -> Option<String> {
+        let probe = self.scene.probe.as_ref()?;
+        let name = &probe.name.value;
+        Some(if probe.is_file { self.folder.join(name).display().to_string() } else { name.clone() })
+    }
+
+    /// What the scene says as options of a command.
+    fn options(&self, command: &str) -> Vec<Written> {
+        let scene = &self.scene;
+        let mut all: Vec<Written> = Vec::new();
+        let mut add = |id: &'static str, option: &str, value: Option<String>| {
+            all.extend(value.map(|value| (id, format!("{option}={value}"))));
+        };
+        add("solid", "--solid", scene.solid.map(|s| if s == Solid::Above { "above" } else { "below" }.into()));
+        add("up", "--up", scene.up.map(|up| up_name(up).into()));
+        let isovalues: Vec<&str> = scene.isovalues.iter().map(|i| i.value.as_str()).collect();
+        let isovalues = Some(isovalues.join(",")).filter(|list| !list.is_empty());
+        let bake = &scene.bake;
+        add("rays", "--rays", bake.rays.map(|n| n.to_string()));
+        add("layers", "--layers", bake.layers.map(|n| n.to_string()));
+        add("error", "--error", bake.error.map(|e| e.to_string()));
+        add("texture", "--texture", bake.texture.map(texture));
+        if bake.positive == Some(true) {
+            all.push(("positive", "--positive".into()));
+        }
+        if command == "relight" {
+            self.options_of_relight(isovalues, &mut all);
+        } else {
+            let bands: Vec<String> = bake.bands.iter().map(u64::to_string).collect();
+            all.extend((!bands.is_empty()).then(|| ("bands", format!("--bands={}", bands.join(",")))));
+            all.extend(isovalues.map(|list| ("isovalues", format!("--isovalues={list}"))));
+        }
+        all
+    }
+
+    fn options_of_relight(&self, isovalues: Option<String>, all: &mut Vec<Written>) {
+        let scene = &self.scene;
+        let mut add = |id: &'static str, option: &str, value: Option<String>| {
+            all.extend(value.map(|value| (id, format!("{option}={value}"))));
+        };
+        add("isovalue", "--isovalue", isovalues);
+        add("env", "--env", self.environment());
+        let probe = scene.probe.as_ref();
+        add("env_rotate", "--env-rotate", probe.and_then(|p| p.rotation).map(|v| v.to_string()));
+        add("window", "--window", probe.and_then(|p| p.window).map(String::from));
+        let camera = &scene.camera;
+        add("view", "--view", camera.view.clone());
+        add("size", "--size", camera.size.map(|[w, h]| format!("{w}x{h}")));
+        add("perspective", "--perspective", camera.field_of_view.filter(|v| *v > 0.0).map(|v| v.to_string()));
+        add("background", "--background", camera.background.clone());
+        add("exposure", "--exposure", camera.exposure.clone());
+        for output in &scene.outputs {
+            add("output", "--output", Some(output.value.clone()));
+        }
+        if probe.is_some_and(|p| p.sun_split == Some(true)) {
+            all.push(("sun_split", "--sun-split".into()));
+        }
+    }
+
+    /// Bands of the layers, as options have them.
+    pub(super) fn bands(&self) -> Option<Vec<u8>> {
+        let bands = &self.scene.bake.bands;
+        (!bands.is_empty()).then(|| bands.iter().map(|&b| b as u8).collect())
+    }
+}
+
+fn texture(size: TextureSize) -> String {
+    match size {
+        TextureSize::Ratio(ratio) => ratio.to_string(),
+        TextureSize::Texels([x, y, z]) => format!("{x}x{y}x{z}"),
+    }
+}
+
+fn up_name(up: Up) -> &'static str {
+    match up {
+        Up::X => "x",
+        Up::Y => "y",
+        Up::Z => "z",
+        Up::NegX => "-x",
+        Up::NegY => "-y",
+        Up::NegZ => "-z",
+    }
+}

@@ -1,0 +1,186 @@
+//! The description of a scene, a TOML file: which volume, what it is made of, how it is baked, what lights it, and which
+//! files are wanted of it.
+//!
+//! The reader is strict. A key that it does not know, a value of another type and a number that makes no sense are
+//! errors that name file, line, and what to write instead.
+//!
+//! ```toml
+//! volume = "brain.nii.gz"        # a path from the folder of this file, or a field such as "gyroid:96"
+//! solid = "above"                # which side is matter
+//! up = "z"
+//! isovalues = [90, "60%", "auto"]
+//! outputs = ["{isovalue}.glb", "{isovalue}.png"]   # paths from the working folder
+//!
+//! [material]
+//! albedo = [0.7, 0.6, 0.5]       # or a number, or rows [isovalue, r, g, b]
+//! # colormap = "viridis"         # then albedo is a factor
+//! # range = [40, 200]
+//! emission = 0.0                 # or r, g, b, or rows [isovalue, r, g, b]
+//!
+//! [bake]
+//! rays = 64
+//! layers = 4
+//! bands = 5                      # or one for each layer
+//! # error = "1%"
+//! texture = 1.0                  # or [128, 128, 96]
+//! positive = false
+//!
+//! [probe]
+//! name = "courtyard"             # or file = "sunset.exr"
+//! rotation = 30.0                # degrees, counter-clockwise about up
+//!
+//! [camera]
+//! azimuth = 35.0                 # or view = "iso"
+//! elevation = 25.0
+//! size = [960, 720]
+//! projection = "perspective"
+//! field_of_view = 35.0
+//! exposure = "auto"
+//! ```
+
+mod material;
+mod read;
+mod settings;
+
+#[cfg(test)]
+mod tests;
+
+pub use material::Albedo;
+pub use settings::{BakeDescription, CameraDescription, ProbeDescription, TextureSize};
+
+use super::EmissionRule;
+use crate::error::{Error, Result};
+use crate::geom::Up;
+use crate::volume::Solid;
+use read::{Item, Section, Source};
+
+/// A value and its line in the file, from 1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Located<T> {
+    /// The value.
+    pub value: T,
+    /// The line.
+    pub line: usize,
+}
+
+/// A scene as described; what a file does not say is `None`.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// Name of the file, for messages.
+    pub file: String,
+    /// A path from the folder of the file, or a field such as `gyroid:96`.
+    pub volume: Located<String>,
+    /// Which side is matter.
+    pub solid: Option<Solid>,
+    /// The world axis that points up.
+    pub up: Option<Up>,
+    /// Numbers in the values of the volume, percentages of their range, or `auto`; as on the command line. Empty for all.
+    pub isovalues: Vec<Located<String>>,
+    /// Diffuse reflectance over the isovalue.
+    pub albedo: Option<Albedo>,
+    /// Emitted radiance over the isovalue.
+    pub emission: Option<EmissionRule>,
+    /// How transfer is computed.
+    pub bake: BakeDescription,
+    /// The environment.
+    pub probe: Option<ProbeDescription>,
+    /// How pictures look.
+    pub camera: CameraDescription,
+    /// Files to write, as `-o` of `isolume relight` names them.
+    pub outputs: Vec<Located<String>>,
+}
+
+const KEYS: [&str; 9] = ["volume", "solid", "up", "isovalues", "outputs", "material", "bake", "probe", "camera"];
+const UPS: [&str; 6] = ["x", "y", "z", "-x", "-y", "-z"];
+
+impl Scene {
+    /// Reads a description; `file` is its name for messages.
+    ///
+    /// # Errors
+    /// When the text is no TOML, a key is not known or not supported yet, a value has the wrong type or makes no sense;
+    /// each names file and line.
+    pub fn parse(text: &str, file: &str) -> Result<Self> {
+        let source = Source { file, text };
+        let document = source.table()?;
+        let all = Section::new(source, document.get_ref(), "", &KEYS)?;
+        let volume = all.get("volume").ok_or_else(|| {
+            let remedy = "write volume = \"brain.nii.gz\", or a field such as \"bumpbox:96\"";
+            source.error(0, "no key `volume`", "the volume of the scene", remedy)
+        })?;
+        let volume = Located { value: volume.text()?.to_string(), line: volume.line() };
+        let solid = all.get("solid").map(|item| side(&item)).transpose()?;
+        let up = all.get("up").map(|item| axis(&item)).transpose()?;
+        let isovalues = match all.get("isovalues") {
+            Some(item) => item.one_or_more()?.iter().map(isovalue).collect::<Result<_>>()?,
+            None => Vec::new(),
+        };
+        let outputs = match all.get("outputs") {
+            Some(item) => item.one_or_more()?.iter().map(output).collect::<Result<_>>()?,
+            None => Vec::new(),
+        };
+        let (albedo, emission) = match all.get("material") {
+            Some(item) => material::read(&item)?,
+            None => (None, None),
+        };
+        let bake = all.get("bake").map(|item| settings::bake(&item)).transpose()?.unwrap_or_default();
+        let probe = all.get("probe").map(|item| settings::probe(&item)).transpose()?;
+        let camera = all.get("camera").map(|item| settings::camera(&item)).transpose()?.unwrap_or_default();
+        let file = file.to_string();
+        Ok(Self { file, volume, solid, up, isovalues, albedo, emission, bake, probe, camera, outputs })
+    }
+
+    /// Names file and line in an error about what stands there.
+    #[must_use]
+    pub fn at_line(&self, line: usize, error: Error) -> Error {
+        let place = format!("{}:{line}", self.file);
+        match error {
+            Error::Argument { name, given, expected, remedy } => {
+                Error::Argument { name: format!("{place}: {name}"), given, expected, remedy }
+            }
+            Error::Format { file, format, found, expected, remedy } => {
+                Error::Format { file: format!("{place}: {file}"), format, found, expected, remedy }
+            }
+            other => other,
+        }
+    }
+}
+
+fn side(item: &Item<'_>) -> Result<Solid> {
+    Ok(if item.word(&["above", "below"])? == "above" { Solid::Above } else { Solid::Below })
+}
+
+fn axis(item: &Item<'_>) -> Result<Up> {
+    Ok(match item.word(&UPS)? {
+        "x" => Up::X,
+        "y" => Up::Y,
+        "-x" => Up::NegX,
+        "-y" => Up::NegY,
+        "-z" => Up::NegZ,
+        _ => Up::Z,
+    })
+}
+
+/// A number, or text such as "40%" or "auto".
+fn isovalue(item: &Item<'_>) -> Result<Located<String>> {
+    let value = match (item.as_number(), item.as_text()) {
+        (Some(number), _) => Some(number.to_string()),
+        (None, Some("auto")) => Some("auto".to_string()),
+        (None, Some(text)) => {
+            let part = text.strip_suffix('%').and_then(|part| part.trim().parse::<f64>().ok());
+            part.filter(|part| (0.0..=100.0).contains(part)).map(|_| text.to_string())
+        }
+        _ => None,
+    };
+    let expected = "a number, a percentage such as \"40%\", or \"auto\"";
+    let value = value.ok_or_else(|| item.refuse(expected, "numbers stand without quotes"))?;
+    Ok(Located { value, line: item.line() })
+}
+
+fn output(item: &Item<'_>) -> Result<Located<String>> {
+    let name = item.text()?;
+    let known = [".glb", ".ply", ".png"].iter().any(|end| name.to_ascii_lowercase().ends_with(end));
+    if !known && !name.ends_with('/') {
+        return Err(item.refuse("a name ending in .glb, .ply or .png", "the ending decides the format"));
+    }
+    Ok(Located { value: name.to_string(), line: item.line() })
+}
