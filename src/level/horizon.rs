@@ -187,11 +187,14 @@ impl<T: Sample> LevelField<'_, T> {
         true
     }
 
-    /// Whether F leaves no more than the room at all samples of a box, both ends included.
+    /// Whether F leaves no more than the room at the samples of a box, both ends included. Samples all of whose cells lie
+    /// below the plane do not count.
     fn samples_lie_below(&self, first: [usize; 3], end: [usize; 3], tangent: &Tangent) -> bool {
         let room = tangent.slope * tangent.room_in(corner(first), corner(end));
         let step = tangent.slope * tangent.normal;
         let start = step.dot(corner(first) - tangent.at) - room;
+        // The highest point of the cells of a sample is this much higher; a little more for rounding.
+        let deep = -room - 1.001 * step.abs().element_sum();
         for z in first[2]..=end[2] {
             for y in first[1]..=end[1] {
                 let row = start + step.y * (y - first[1]) as f32 + step.z * (z - first[2]) as f32;
@@ -199,7 +202,8 @@ impl<T: Sample> LevelField<'_, T> {
                 let samples = &self.samples[from..=from + end[0] - first[0]];
                 let mut above = false;
                 for (x, sample) in samples.iter().enumerate() {
-                    above |= self.sign * (sample.raw() - tangent.isovalue) + (row + step.x * x as f32) > 0.0;
+                    let height = row + step.x * x as f32;
+                    above |= (self.sign * (sample.raw() - tangent.isovalue) + height > 0.0) & (height > deep);
                 }
                 if above {
                     return false;
