@@ -31,7 +31,7 @@ use glam::{DVec3, Vec3};
 /// over a grid of some hundred samples keep about four digits.
 const ROOM: f32 = 1.0 / 4096.0;
 
-/// Sine of the elevation below which rounding may hide something solid: F vanishes at the start and is at most [`ROOM`]
+/// Sine of the elevation below which rounding may hide something solid: F vanishes at the start and is at most `ROOM` = 1/4096
 /// at the other corners of its cells, so it grows by at most √3 times that.
 pub const SLOPE: f32 = 1.733 * ROOM;
 
