@@ -172,7 +172,7 @@ fn counters_show_that_what_is_off_costs_nothing() {
         whole["rays"].as_u64().expect("rays")
     );
     assert_eq!(whole["plan"].as_array().map(Vec::len), Some(11));
-    let direct = effects(&format!("bake gyroid:16 --rays 8 --bands 2 --effects -interreflection -o b.isolume"));
+    let direct = effects("bake gyroid:16 --rays 8 --bands 2 --effects -interreflection -o b.isolume");
     assert_eq!(count(&direct, "interreflection", "rays"), 0);
     assert_eq!(direct["mean_escapes"].as_array().map(Vec::len), Some(1));
     let none = effects(&format!("bake gyroid:16 {small} --effects -shadowing -o c.isolume"));

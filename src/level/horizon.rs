@@ -32,7 +32,7 @@ use glam::{DVec3, Vec3};
 /// over a grid of some hundred samples keep about four digits.
 const ROOM: f32 = 1.0 / 4096.0;
 
-/// Sine of the elevation below which rounding may hide something solid: F vanishes at the start and is at most [`ROOM`]
+/// Sine of the elevation below which rounding may hide something solid: F vanishes at the start and is at most `ROOM` = 1/4096
 /// at the other corners of its cells, so it grows by at most √3 times that.
 pub const SLOPE: f32 = 1.733 * ROOM;
 
@@ -211,11 +211,14 @@ impl<T: Sample> LevelField<'_, T> {
         true
     }
 
-    /// Whether F leaves no more than the room at all samples of a box, both ends included.
+    /// Whether F leaves no more than the room at the samples of a box, both ends included. Samples all of whose cells lie
+    /// below the plane do not count.
     fn samples_lie_below(&self, first: [usize; 3], end: [usize; 3], tangent: &Tangent) -> bool {
         let room = tangent.slope * tangent.room_in(corner(first), corner(end));
         let step = tangent.slope * tangent.normal;
         let start = step.dot(corner(first) - tangent.at) - room;
+        // The highest point of the cells of a sample is this much higher; a little more for rounding.
+        let deep = -room - 1.001 * step.abs().element_sum();
         for z in first[2]..=end[2] {
             for y in first[1]..=end[1] {
                 let row = start + step.y * (y - first[1]) as f32 + step.z * (z - first[2]) as f32;
@@ -223,7 +226,8 @@ impl<T: Sample> LevelField<'_, T> {
                 let samples = &self.samples[from..=from + end[0] - first[0]];
                 let mut above = false;
                 for (x, sample) in samples.iter().enumerate() {
-                    above |= self.sign * (sample.raw() - tangent.isovalue) + (row + step.x * x as f32) > 0.0;
+                    let height = row + step.x * x as f32;
+                    above |= (self.sign * (sample.raw() - tangent.isovalue) + height > 0.0) & (height > deep);
                 }
                 if above {
                     return false;
