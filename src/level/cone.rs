@@ -11,7 +11,6 @@
 
 use super::pyramid::Level;
 use glam::Vec3;
-use rayon::prelude::*;
 
 /// Cones, in octants (bit a set: falling along axis a) and by largest component. Finer ones cost more in the
 /// cache than they save.
@@ -62,13 +61,10 @@ impl Ahead {
         let scale = if scale.is_finite() { scale } else { 0.0 };
         let mut ahead = Self { ranks: Vec::new(), lowest, scale };
         let own: Vec<u16> = level.max.iter().map(|&v| ahead.rank(v).ceil() as u16).collect();
-        let columns: Vec<Vec<u16>> = (0..CONES).into_par_iter().map(|cone| column(&own, level.dims, cone)).collect();
         ahead.ranks = vec![0; own.len() * CONES];
-        ahead.ranks.par_chunks_mut(CONES).enumerate().for_each(|(block, ranks)| {
-            for (rank, column) in ranks.iter_mut().zip(&columns) {
-                *rank = column[block];
-            }
-        });
+        for cone in 0..CONES {
+            fill(&own, level.dims, cone, &mut ahead.ranks);
+        }
         ahead
     }
 
@@ -86,8 +82,8 @@ impl Ahead {
     }
 }
 
-/// The ranks of one cone, by block.
-fn column(own: &[u16], dims: [usize; 3], cone: usize) -> Vec<u16> {
+/// Writes the ranks of one cone, given those of the blocks themselves.
+fn fill(own: &[u16], dims: [usize; 3], cone: usize, ranks: &mut [u16]) {
     let (octant, major) = (cone / 3, cone % 3);
     let axes = [major, (major + 1) % 3, (major + 2) % 3];
     let size = axes.map(|a| dims[a]);
@@ -97,7 +93,6 @@ fn column(own: &[u16], dims: [usize; 3], cone: usize) -> Vec<u16> {
         let a = axes[k];
         stride[a] * if octant >> a & 1 == 1 { dims[a] - 1 - at } else { at }
     };
-    let mut out = vec![0u16; own.len()];
     // The largest rank from the slab behind on, by block; nothing behind the last, and beyond the sides.
     let width = size[1] + 1;
     let mut ahead = vec![0u16; width * (size[2] + 1)];
@@ -113,9 +108,8 @@ fn column(own: &[u16], dims: [usize; 3], cone: usize) -> Vec<u16> {
             for u in 0..size[1] {
                 let at = u + width * v;
                 ahead[at] = ahead[at].max(ahead[at + 1]).max(ahead[at + width]).max(ahead[at + width + 1]);
-                out[along(0, s) + along(1, u) + along(2, v)] = ahead[at];
+                ranks[CONES * (along(0, s) + along(1, u) + along(2, v)) + cone] = ahead[at];
             }
         }
     }
-    out
 }

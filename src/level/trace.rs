@@ -129,10 +129,10 @@ impl<T: Sample> LevelField<'_, T> {
                 let t = march.far.min_element();
                 if side == Side::Out {
                     counts.cells += 1;
-                    if self.may_hold_solid(sample, signed) {
-                        if let Passed::Hit(at) = self.pass_cell(&march, sample, t, axis, isovalue, side, counts) {
-                            return Outcome::Hit(Hit { at });
-                        }
+                    if self.may_hold_solid(sample, signed)
+                        && let Passed::Hit(at) = self.pass_cell(&march, sample, t, axis, isovalue, side, counts)
+                    {
+                        return Outcome::Hit(Hit { at });
                     }
                 } else {
                     let moved = t > march.entered_at;
