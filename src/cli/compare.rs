@@ -85,7 +85,7 @@ impl Compare {
         for chosen in &self.isovalue {
             let isovalue = chosen.resolve(&volume, None)?.value;
             let surface = Surface::new(&volume, &pyramid, layout.lattice, isovalue)?;
-            let points = self.pick(&surface, seed);
+            let points = self.random_vertices(&surface, seed);
             for probe in &probes {
                 let start = Instant::now();
                 let source = probe.source(orientation);
@@ -121,7 +121,7 @@ impl Compare {
     }
 
     /// Random vertices, with replacement.
-    fn pick(&self, surface: &Surface, seed: u64) -> Vec<SurfacePoint> {
+    fn random_vertices(&self, surface: &Surface, seed: u64) -> Vec<SurfacePoint> {
         let mesh = &surface.mesh;
         let all = mesh.positions_in_grid.len();
         let vertex = |i: u32| {
