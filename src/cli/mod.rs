@@ -24,6 +24,7 @@ mod console;
 mod demo;
 mod doctor;
 mod env;
+mod forecast;
 mod info;
 mod input;
 mod isovalue;

@@ -1,6 +1,7 @@
 //! `isolume study`: what accuracy costs in time on the user's own volume, measured.
 
 use super::console::Console;
+use super::forecast::{self, Weighed, bytes_of_texel};
 use super::input::VolumeArgs;
 use super::isovalue::Isovalue;
 use super::light::{open_probe, parse_triple};
@@ -14,6 +15,7 @@ use crate::probe::Orientation;
 use crate::relight::texels_of_isosurface;
 use crate::sampling::statistics::Running;
 use crate::study::figure::{Caption, Mark, on_front, rungs, seconds_at, svg};
+use crate::study::model::Forecast;
 use crate::study::{Measured, References, Setting, Study as Bench};
 use crate::transfer::{BRICK, BRICK_TEXELS, Brick, Lattice, Layers, Layout, MemoryTexture};
 
@@ -138,6 +140,18 @@ impl Study {
         let references = self.references(&bench, &settings)?;
         let reference_seconds = [clock.0.elapsed().as_secs_f64(), clock.1.elapsed().as_secs_f64()];
         let spread = clock_noise(&bench, seed)?;
+        let question = forecast::Question {
+            volume,
+            pyramid: &pyramid,
+            isovalue: chosen.value,
+            probe: &probe,
+            orientation,
+            albedo: self.albedo.0,
+            layers: &Layers::new(BANDS.to_vec())?,
+            seed,
+        };
+        let selected = |lattice| texels_of_isosurface(volume, lattice, chosen.value);
+        let pilots = forecast::pilots(&question, &forecast::RATIOS, &selected)?;
         let mut rows = Vec::new();
         for (curve, label, setting) in settings {
             console.note(format!("{curve}, {label}"));
@@ -151,29 +165,7 @@ impl Study {
                 text::number(chosen.value, 6),
                 probe.name
             ),
-            notes: vec![
-                format!(
-                    "Error: outgoing light at {} random vertices against {} unbiased paths each under the same light cut to the same bands \
-                     (its own noise, {}, taken out); bars: 95 % interval.",
-                    text::count(points.len() as u64),
-                    bench.paths,
-                    text::percent(references.noise())
-                ),
-                format!(
-                    "Seconds: of {} threads together, for the {} texels that this surface needs on a texture of the volume's resolution; \
-                     repeated bakes differed by {} of processor and {} of wall-clock time.",
-                    rayon::current_num_threads(),
-                    text::count(rows.first().map_or(0, |r| r.texels)),
-                    text::percent(spread[1]),
-                    text::percent(spread[0])
-                ),
-                format!(
-                    "Bands {:?} by layer and texture ratio 1 unless a curve says otherwise; albedo {}. Thick line: the Pareto front. Dashed: what cutting the light \
-                     to a number of bands costs besides.",
-                    BANDS,
-                    self.albedo.0.map(|a| a.to_string()).join(", ")
-                ),
-            ],
+            notes: notes(&bench, &references, rows.first().map_or(0, |r| r.texels), spread),
             truncation: references.truncation(),
         };
         let csv = csv(&rows);
@@ -186,6 +178,7 @@ impl Study {
                 "truncation": references.truncation().iter().map(|(b, e)| json!({ "bands": b, "rms": e })).collect::<Vec<_>>() },
             "clock_noise": { "wall": spread[0], "cpu": spread[1], "bakes": REPEATS },
             "rows": rows.iter().map(row_json).collect::<Vec<_>>(),
+            "forecasts": rows.iter().filter_map(|r| forecast_json(r, &pilots)).collect::<Vec<_>>(),
             "front": on_front(&marks), "seconds_to_error": iso_json(&marks),
         });
         for (name, bytes) in [
@@ -197,6 +190,10 @@ impl Study {
             atomic::write(&path, |w| w.write_all(&bytes).map_err(|e| Error::io(&path, "write", e)))?;
         }
         console.print(table(&rows, &on_front(&marks)));
+        console.print(format!(
+            "\nforecast of the pilot of `isolume plan`, against what was measured\n{}",
+            forecasts(&rows, &pilots)
+        ));
         console.print(format!("\nseconds of processor time to the same error\n{}", iso_table(&marks)));
         console.print(format!(
             "\nwritten to {}: study.csv, study.json, study.svg; reference: {} rays, noise {}, {:.1} s",
@@ -260,22 +257,22 @@ impl Study {
     fn check_memory(&self, volume: &Volume, isovalue: f64, all: &[(String, String, Setting)]) -> Outcome {
         let lattice = Lattice::from_ratio(volume.dims(), 1.0)?;
         let bricks = texels_of_isosurface(volume, lattice, isovalue).bricks().len() as u64;
-        let largest = all.iter().map(|(_, _, s)| bytes_of_texel(&s.bands)).max().unwrap_or(0);
+        let largest = most_bytes(all)?;
         // Two textures at once, and the cache of `gather`.
         let needed = volume.samples().bytes().len() as u64 / 4 * 5 + 3 * bricks * BRICK_TEXELS as u64 * largest;
         Ok(check_memory("the textures of the study", needed, self.memory_limit)?)
     }
 }
 
+/// Most stored bytes that any setting needs for a texel.
+fn most_bytes(all: &[(String, String, Setting)]) -> Outcome<u64> {
+    let layers = all.iter().map(|(_, _, s)| Layers::new(s.bands.clone())).collect::<Result<Vec<_>, Error>>()?;
+    Ok(layers.iter().map(bytes_of_texel).max().unwrap_or(0))
+}
+
 /// Most bands that any setting has.
 fn most_bands(settings: &[(String, String, Setting)]) -> usize {
     settings.iter().flat_map(|s| &s.2.bands).copied().max().unwrap_or(1)
-}
-
-/// Stored bytes of a texel: coefficients, standard errors, validity, rays.
-fn bytes_of_texel(bands: &[usize]) -> u64 {
-    let coefficients: usize = bands.iter().map(|b| b * b).sum();
-    (2 * coefficients + 2 * bands.iter().sum::<usize>() + 1 + 4) as u64
 }
 
 /// Bakes the texels of the surface into memory and times it.
@@ -329,7 +326,7 @@ fn measure(
     let second = if is_path { None } else { Some(bake_once(bench, &setting, seed ^ 1)?.texture) };
     let baked_by = is_path.then_some(&settings);
     let measured = bench.measure(references, &texture, baked_by, second.as_ref().map(|t| t as _))?;
-    let bytes = texels * bytes_of_texel(&setting.bands);
+    let bytes = texels * bytes_of_texel(&settings.layers);
     Ok(Row { setting, curve, label, wall, cpu, rays, texels, bytes, measured })
 }
 
@@ -347,6 +344,34 @@ fn clock_noise(bench: &Bench<'_>, seed: u64) -> Outcome<[f64; 2]> {
     Ok([wall, cpu].map(|r| r.variance().sqrt() / r.mean().max(f64::MIN_POSITIVE)))
 }
 
+/// What a reader of the figure must know.
+fn notes(bench: &Bench<'_>, references: &References, texels: u64, spread: [f64; 2]) -> Vec<String> {
+    let points = text::count(bench.points.len() as u64);
+    vec![
+        format!(
+            "Error: outgoing light at {points} random vertices, against {} unbiased paths at each under the same light cut to the same bands. \
+             Bars: 95 % interval.",
+            bench.paths
+        ),
+        format!(
+            "The noise of that reference, {}, is taken out. Dashed: what cutting the light costs besides.",
+            text::percent(references.noise())
+        ),
+        format!(
+            "Seconds: of {} threads together, for the {} texels that this surface needs where the texture has the resolution of the volume. \
+             Repeated",
+            rayon::current_num_threads(),
+            text::count(texels),
+        ),
+        format!(
+            "bakes differed by {} of processor and {} of wall-clock time. Bands {BANDS:?} by layer, texture ratio 1, albedo {}, unless a curve says otherwise.",
+            text::percent(spread[1]),
+            text::percent(spread[0]),
+            bench.albedo[0]
+        ),
+    ]
+}
+
 fn mark(row: &Row) -> Mark {
     let (curve, label) = (row.curve.clone(), row.label.clone());
     Mark { curve, label, seconds: row.cpu, measured: row.measured.clone() }
@@ -354,7 +379,7 @@ fn mark(row: &Row) -> Mark {
 
 const HEAD: &str = "estimator,rays,bands,ratio,wall_seconds,cpu_seconds,transport_rays,texels,bytes,\
 rms,rms_half_interval,rms_same_bands,rms_same_bands_without_noise,bias,\
-truncation,interpolation,layers,noise,bias_mean_square,rounding,cross_terms,total_mean_square";
+truncation,interpolation,noise_of_reference,layers,noise,bias_mean_square,rounding,cross_terms,total_mean_square";
 
 fn csv(rows: &[Row]) -> String {
     let mut out = format!("{HEAD}\n");
@@ -395,6 +420,40 @@ fn row_json(r: &Row) -> Value {
         "rms_same_bands": r.measured.band_limited.relative_rms_without_noise,
         "budget_mean_square": budget,
     })
+}
+
+/// The forecast for a bake by `path` of the default layers.
+fn forecast_of(row: &Row, pilots: &[Weighed]) -> Option<Forecast> {
+    let fits = row.setting.estimator == "path" && row.setting.bands == BANDS;
+    let pilot = pilots.iter().find(|w| fits && w.ratio == row.setting.ratio)?;
+    Some(pilot.pilot.forecast(row.setting.rays))
+}
+
+fn forecasts(rows: &[Row], pilots: &[Weighed]) -> String {
+    let mut lines =
+        vec![["setting", "cpu s", "forecast", "ratio", "error", "forecast", "ratio"].map(String::from).to_vec()];
+    for row in rows {
+        let Some(forecast) = forecast_of(row, pilots) else { continue };
+        let error = row.measured.band_limited.relative_rms_without_noise;
+        lines.push(vec![
+            format!("{}, {}", row.curve, row.label),
+            format!("{:.2}", row.cpu),
+            format!("{:.2}", forecast.seconds),
+            format!("{:.2}", forecast.seconds / row.cpu),
+            text::percent(error),
+            text::percent(forecast.error),
+            format!("{:.2}", forecast.error / error),
+        ]);
+    }
+    text::table(&lines)
+}
+
+fn forecast_json(row: &Row, pilots: &[Weighed]) -> Option<Value> {
+    let forecast = forecast_of(row, pilots)?;
+    Some(json!({
+        "curve": row.curve, "rays": row.setting.rays, "cpu_seconds": row.cpu, "forecast_cpu_seconds": forecast.seconds,
+        "rms_same_bands": row.measured.band_limited.relative_rms_without_noise, "forecast_error": forecast.error,
+    }))
 }
 
 fn iso_json(marks: &[Mark]) -> Value {

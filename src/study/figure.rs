@@ -94,6 +94,17 @@ fn short(value: f64) -> String {
     if value >= 100.0 { format!("{value:.0}") } else { format!("{}", (value * 1e4).round() / 1e4) }
 }
 
+/// Two digits that count, for narrow places.
+fn brief(value: f64) -> String {
+    if value >= 10.0 {
+        format!("{value:.0}")
+    } else if value >= 1.0 {
+        format!("{value:.1}")
+    } else {
+        format!("{value:.2}")
+    }
+}
+
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
@@ -249,7 +260,7 @@ fn bars(out: &mut String, marks: &[Mark]) {
     let chosen = on_front(marks);
     let _ = writeln!(
         out,
-        "<text class=\"ink\" x=\"{left}\" y=\"{}\">What the error is made of, along the front (shares of its square)</text>",
+        "<text class=\"ink\" x=\"{left}\" y=\"{}\">Its shares along the front; below: seconds, error</text>",
         top - 14.0
     );
     let step = (right - left) / chosen.len().max(1) as f64;
@@ -270,10 +281,10 @@ fn bars(out: &mut String, marks: &[Mark]) {
         let middle = x + 0.4 * step;
         let _ = writeln!(
             out,
-            "<text class=\"ink small\" x=\"{middle:.1}\" y=\"{}\" text-anchor=\"middle\">{} s</text>\
+            "<text class=\"ink small\" x=\"{middle:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>\
              <text class=\"soft small\" x=\"{middle:.1}\" y=\"{}\" text-anchor=\"middle\">{} %</text>",
             bottom + 15.0,
-            short((mark.seconds * 100.0).round() / 100.0),
+            brief(mark.seconds),
             bottom + 30.0,
             short((1e3 * error(mark)).round() / 10.0)
         );
@@ -294,7 +305,7 @@ fn bars(out: &mut String, marks: &[Mark]) {
 fn table(out: &mut String, marks: &[Mark]) {
     let (left, top) = (BARS[0], BARS[3] + 112.0);
     let rungs = rungs(marks);
-    let column = |i: usize| left + 168.0 + 44.0 * i as f64;
+    let column = |i: usize| left + 172.0 + 42.0 * i as f64;
     let _ = writeln!(out, "<text class=\"ink\" x=\"{left}\" y=\"{top}\">Seconds to the same error</text>");
     for (i, e) in rungs.iter().enumerate() {
         let _ = writeln!(
@@ -316,7 +327,7 @@ fn table(out: &mut String, marks: &[Mark]) {
             escape(&name)
         );
         for (i, value) in seconds.iter().enumerate() {
-            let text = value.map_or("–".into(), |v| if v < 10.0 { format!("{v:.1}") } else { format!("{v:.0}") });
+            let text = value.map_or("–".into(), brief);
             let _ = writeln!(
                 out,
                 "<text class=\"ink small\" x=\"{}\" y=\"{y}\" text-anchor=\"end\">{text}</text>",

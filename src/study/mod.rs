@@ -11,7 +11,7 @@
 //! | from | to | row |
 //! |---|---|---|
 //! | paths under the whole light | paths under the light cut to the setting's bands | truncation |
-//! | those | exact texels of all layers and bands, interpolated | interpolation |
+//! | those | exact texels of all layers and bands, interpolated | interpolation, and the noise of the reference |
 //! | those | the setting's layers, the bands of each, and the tail | layers |
 //! | those | what the bake stored, before rounding (`path`: its texels once more) | noise, bias |
 //! | those | the stored numbers | rounding |
@@ -22,6 +22,7 @@
 
 pub mod figure;
 pub mod front;
+pub mod model;
 
 #[cfg(test)]
 mod tests;
@@ -99,7 +100,8 @@ pub struct Measured {
     pub whole: Distance,
     /// Against paths under the light cut to the setting's bands.
     pub band_limited: Distance,
-    /// truncation, interpolation, layers, noise, bias, rounding, cross terms; over the squared mean of the reference.
+    /// truncation, interpolation, noise of the reference, layers, noise, bias, rounding, cross terms; over the squared
+    /// mean of the reference.
     pub budget: Vec<BudgetRow>,
 }
 
@@ -243,7 +245,8 @@ impl Study<'_> {
         let row = |name, value: f64| BudgetRow { name, mean_square: over(value) };
         let mut budget = vec![
             row("truncation", mean_square(&cut, &whole)),
-            row("interpolation", mean_square(&every, &cut)),
+            row("interpolation", mean_square(&every, &cut) - noise(limited)),
+            row("noise of the reference", noise(limited)),
             row("layers", mean_square(&kept, &every)),
             row("noise", mean_square(&again, &kept) - shared),
             row("bias", shared),
