@@ -6,6 +6,7 @@ use super::tree::Nearest;
 use crate::error::{Error, Result};
 use crate::geom::{Direction, Frame, Normal};
 use crate::level::{CellPoint, Counts, LevelField, Outcome, Pyramid, Start};
+use crate::sampling::hash::key;
 use crate::sampling::{DirectionalSource, PathSampler, warp};
 use crate::transport::{REPLICATES, Radiance, SurfacePoint};
 use crate::volume::{Sample, Volume, with_samples};
@@ -122,7 +123,8 @@ impl<T: Sample> Reader<'_, '_, T> {
         let each = self.settings.rays / REPLICATES as u32;
         let mut means = [[0.0f64; 3]; REPLICATES];
         for (replicate, mean) in means.iter_mut().enumerate() {
-            let sampler = PathSampler::new(self.settings.seed, item, replicate as u32);
+            // Not the numbers of the reference by paths: the noise of the two must not hide their difference.
+            let sampler = PathSampler::new(key(self.settings.seed, 0x7068_6f74), item, replicate as u32);
             for ray in 0..each {
                 self.one_ray(at, normal, &sampler, ray, nearest, counts, mean);
             }
