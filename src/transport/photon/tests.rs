@@ -335,10 +335,11 @@ fn photons_light_the_bowl_in_three_ways() {
         let mean = found.iter().map(|r| r.mean[0]).sum::<f64>() / n;
         let stated = (found.iter().map(|r| r.stderr[0].powi(2)).sum::<f64>() / n).sqrt();
         let spread = (found.iter().map(|r| (r.mean[0] - mean).powi(2)).sum::<f64>() / n).sqrt();
-        println!("{light:?} {isovalues:?}: {mean}, expected {expected}; spread {spread}, stated {stated}");
-        // Points share photons: of 200 points with 63 photons each, those of the map near the surface at least 5000.
-        assert!((mean / expected - 1.0).abs() < 0.02, "{light:?}: {mean}, expected {expected}");
-        assert!(spread < 2.0 * stated + 0.02 * expected, "{light:?}: {spread}, stated {stated}");
+        // Points share photons, and the radius of a search is that of the bowl's curvature within a factor of 5: with the
+        // photons of many isovalues it is larger, and so is what the search reads of the rim.
+        let allowed = if isovalues == near { 0.02 } else { 0.06 };
+        assert!((mean / expected - 1.0).abs() < allowed, "{light:?}: {mean}, expected {expected}");
+        assert!(spread < 1.5 * stated + 0.02 * expected, "{light:?}: {spread}, stated {stated}");
     }
 }
 
@@ -368,7 +369,6 @@ fn transfer_from_photons_is_that_of_the_bowl_and_of_the_sphere() {
             photon_bake(&job, &photons, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |_, _| Ok(())).unwrap();
         assert!(energy.imbalance() < 1e-6);
         let found = summary.mean_escapes();
-        println!("{spec}: {found:?}");
         for (found, expected) in found.iter().zip(expected) {
             // Spread over about 3 samples of a surface of radius 9: curved by a tenth of the radius.
             assert!((found - expected).abs() < 0.04, "{spec}: {found}, expected {expected}");
