@@ -51,7 +51,9 @@ fn main() {
     let (found, _) = photon_direct(&volume, &pyramid, isovalue, &points, &light, &map, &reading).expect("light");
     let query = start.elapsed().as_secs_f64() / f64::from(queries) * 1e6;
     let mean = found.iter().map(|r| r.mean[1]).sum::<f64>() / found.len() as f64;
-    println!("field,photons,hits,seconds,bytes_a_photon,mb_before,mb_after,mb_peak,neighbours,us_a_query,mean,imbalance");
+    println!(
+        "field,photons,hits,seconds,bytes_a_photon,mb_before,mb_after,mb_peak,neighbours,us_a_query,mean,imbalance"
+    );
     println!(
         "{spec},{photons},{},{seconds:.2},{},{before:.0},{after:.0},{peak:.0},{neighbours},{query:.1},{mean:.4},{:.1e}",
         map.len(),

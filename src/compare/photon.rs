@@ -2,7 +2,9 @@
 
 use super::{Comparison, Distance, Question, distance, mean_square};
 use crate::error::{Error, Result};
-use crate::transport::{PhotonEnergy, PhotonLight, PhotonLightSettings, PhotonMap, PhotonSettings, Radiance, photon_direct};
+use crate::transport::{
+    PhotonEnergy, PhotonLight, PhotonLightSettings, PhotonMap, PhotonSettings, Radiance, photon_direct,
+};
 
 /// How photons are to answer.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,7 +61,12 @@ impl PhotonQuestion {
 pub fn compare_photons(q: &Question<'_>, found: &Comparison, photons: &PhotonQuestion) -> Result<PhotonComparison> {
     if found.at_points.len() != q.points.len() {
         let n = found.at_points.len();
-        return Err(Error::argument("comparison", format!("{n} points"), "those of the question", "compare them first"));
+        return Err(Error::argument(
+            "comparison",
+            format!("{n} points"),
+            "those of the question",
+            "compare them first",
+        ));
     }
     let (radiance, map) = photons.answer(q)?;
     let by_photons: Vec<[f64; 3]> = radiance.iter().map(|r| r.mean).collect();

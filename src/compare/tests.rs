@@ -5,7 +5,9 @@ use crate::probe::{self, Orientation};
 use crate::sampling::hash::uniform;
 use crate::surface::extract_with_normals;
 use crate::transfer::{Layers, Layout, MemoryTexture};
-use crate::transport::{Bake, Isovalues, PhotonLight, PhotonLightSettings, PhotonSearch, PhotonSettings, Progress, bake};
+use crate::transport::{
+    Bake, Isovalues, PhotonLight, PhotonLightSettings, PhotonSearch, PhotonSettings, Progress, bake,
+};
 use crate::volume::field;
 use crate::volume::{Samples, Volume};
 

@@ -28,8 +28,8 @@ pub use direct::{DirectSettings, Radiance, SurfacePoint, direct};
 pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};
 pub use path::{Settings, Target, TexelEstimate, radiance_weights};
 pub use photon::{
-    Density, Irradiance, IsovalueChoice, Isovalues, PhotonBake, PhotonEnergy, PhotonLight, PhotonLightSettings, PhotonMap,
-    PhotonSearch, PhotonSettings, photon_bake, photon_direct, photon_memory,
+    Density, Irradiance, IsovalueChoice, Isovalues, PhotonBake, PhotonEnergy, PhotonLight, PhotonLightSettings,
+    PhotonMap, PhotonSearch, PhotonSettings, photon_bake, photon_direct, photon_memory,
 };
 pub use replay::{ReplayedPath, replay};
 pub use summary::{ErrorHistogram, Summary};

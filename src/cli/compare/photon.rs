@@ -106,13 +106,22 @@ impl PhotonArgs {
 /// Photons beside the store and the paths.
 pub(super) fn table(rows: &[Row]) -> String {
     let head = [
-        "isovalue", "environment", "store against photons", "bias", "photons against paths", "bias", "their noise",
-        "their bias (RMS)", "hits", "memory",
+        "isovalue",
+        "environment",
+        "store against photons",
+        "bias",
+        "photons against paths",
+        "bias",
+        "their noise",
+        "their bias (RMS)",
+        "hits",
+        "memory",
     ];
     let mut lines = vec![head.map(String::from).to_vec()];
     for row in rows {
         let Some(p) = &row.photons else { continue };
-        let percent = |d: &crate::compare::Figure| format!("{} ± {}", text::percent(d.value), text::percent(d.half_interval));
+        let percent =
+            |d: &crate::compare::Figure| format!("{} ± {}", text::percent(d.value), text::percent(d.half_interval));
         let bias = |d: &crate::compare::Figure| format!("{:+.2} ± {:.2} %", 100.0 * d.value, 100.0 * d.half_interval);
         lines.push(vec![
             text::number(row.isovalue, 6),

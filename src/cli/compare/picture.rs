@@ -164,9 +164,8 @@ impl PictureOutput {
         let scale = self.scale.unwrap_or_else(|| found.natural_scale());
         let colours = found.colours(scale);
         let name = format!("{} {}, difference", q.volume.name, text::number(q.isovalue, 8));
-        let radiance: Vec<[f32; 3]> = (0..colours.len())
-            .map(|i| std::array::from_fn(|c| found.store[i][c] - found.reference[i][c]))
-            .collect();
+        let radiance: Vec<[f32; 3]> =
+            (0..colours.len()).map(|i| std::array::from_fn(|c| found.store[i][c] - found.reference[i][c])).collect();
         let errors = vec![0.0; radiance.len()];
         let mesh = surface.export(&name, q.volume, q.volume.up, &colours, Some((&radiance, &errors)));
         let reference = if photons.is_some() { "photons" } else { "paths" };

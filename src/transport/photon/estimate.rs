@@ -102,7 +102,7 @@ impl PhotonMap {
         normal: Normal,
     ) -> Query {
         Query {
-            position: self.space.from_grid(at.in_grid().as_dvec3()),
+            position: self.space.unit_from_grid(at.in_grid().as_dvec3()),
             share: self.space.share_from_raw(raw_isovalue),
             normal,
             slope: self.space.slope(field, at),
@@ -151,7 +151,7 @@ impl PhotonMap {
             return ball / kappa;
         }
         let g = query.slope;
-        if !(g > 0.0) {
+        if g <= 0.0 {
             return 0.0;
         }
         // Half of the ellipsoid's thickness, over which the isovalue changes by g times as much.

@@ -42,7 +42,10 @@ impl Isovalues {
         let median = (!extents.is_empty()).then(|| *extents.select_nth_unstable_by(middle, f32::total_cmp).1)?;
         let half = 0.5 * cells * f64::from(median) * volume.slope().abs();
         let (low, high) = volume.value_range();
-        Some(Self { choice: IsovalueChoice::Extents, range: Some([(isovalue - half).max(low), (isovalue + half).min(high)]) })
+        Some(Self {
+            choice: IsovalueChoice::Extents,
+            range: Some([(isovalue - half).max(low), (isovalue + half).min(high)]),
+        })
     }
 }
 
@@ -74,7 +77,7 @@ impl IsovalueDensity {
             let place = |value: f64| (volume.raw_from_value(value) - least) / (most - least);
             let (a, b) = (place(range[0]), place(range[1]));
             (low, high) = (a.min(b).max(0.0), a.max(b).min(1.0));
-            if !(high > low) {
+            if high <= low || low.is_nan() {
                 return refuse(format!("{} to {}", range[0], range[1]));
             }
         }
@@ -155,12 +158,18 @@ fn extents<T: Sample>(samples: &[T], dims: [usize; 3], place: &(dyn Fn(f32) -> f
 }
 
 /// The range of the samples at the corners of every cell of some slabs.
-fn for_cells<T: Sample>(samples: &[T], dims: [usize; 3], slabs: std::ops::Range<usize>, visit: &mut dyn FnMut(f32, f32)) {
+fn for_cells<T: Sample>(
+    samples: &[T],
+    dims: [usize; 3],
+    slabs: std::ops::Range<usize>,
+    visit: &mut dyn FnMut(f32, f32),
+) {
     let [nx, ny, _] = dims;
     // Of the four samples of a cell across x.
     let column = |x: usize, y: usize, z: usize| {
         let at = x + nx * (y + ny * z);
-        let four = [samples[at].raw(), samples[at + nx].raw(), samples[at + nx * ny].raw(), samples[at + nx * ny + nx].raw()];
+        let four =
+            [samples[at].raw(), samples[at + nx].raw(), samples[at + nx * ny].raw(), samples[at + nx * ny + nx].raw()];
         let low = four[0].min(four[1]).min(four[2].min(four[3]));
         (low, four[0].max(four[1]).max(four[2].max(four[3])))
     };

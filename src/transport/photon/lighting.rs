@@ -119,7 +119,14 @@ impl<T: Sample> Reader<'_, '_, T> {
     }
 
     /// Direct light, and gathered light if it is asked for.
-    fn by_rays(&self, at: &CellPoint, normal: Normal, item: u64, nearest: &mut Nearest, counts: &mut Counts) -> Radiance {
+    fn by_rays(
+        &self,
+        at: &CellPoint,
+        normal: Normal,
+        item: u64,
+        nearest: &mut Nearest,
+        counts: &mut Counts,
+    ) -> Radiance {
         let each = self.settings.rays / REPLICATES as u32;
         let mut means = [[0.0f64; 3]; REPLICATES];
         for (replicate, mean) in means.iter_mut().enumerate() {
@@ -165,18 +172,19 @@ impl<T: Sample> Reader<'_, '_, T> {
             }
         }
         let towards = Frame::around(normal).from_local(warp::square_to_cosine_hemisphere(sampler.pair(ray, 1)));
-        let (there, normal_there) = match self.field.trace(isovalue, &start, self.field.direction_in_grid(towards), counts) {
-            Outcome::Escaped => {
-                let density = by_cosine(towards);
-                if let (true, Some(direction)) = (density > 0.0, Direction::new(towards)) {
-                    let radiance = self.light.radiance(direction).map(f64::from);
-                    add(radiance, density / (density + f64::from(self.light.density(direction))));
+        let (there, normal_there) =
+            match self.field.trace(isovalue, &start, self.field.direction_in_grid(towards), counts) {
+                Outcome::Escaped => {
+                    let density = by_cosine(towards);
+                    if let (true, Some(direction)) = (density > 0.0, Direction::new(towards)) {
+                        let radiance = self.light.radiance(direction).map(f64::from);
+                        add(radiance, density / (density + f64::from(self.light.density(direction))));
+                    }
+                    return;
                 }
-                return;
-            }
-            Outcome::Hit(hit) => (hit.at, self.field.normal(&hit.at)),
-            Outcome::Lost => (*at, Some(normal)),
-        };
+                Outcome::Hit(hit) => (hit.at, self.field.normal(&hit.at)),
+                Outcome::Lost => (*at, Some(normal)),
+            };
         if self.settings.light != PhotonLight::FinalGather {
             return;
         }

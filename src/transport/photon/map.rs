@@ -231,8 +231,8 @@ impl<T: Sample> Emission<'_, '_, T> {
         let Some(towards) = Normal::down_gradient(-sample.direction.vec()) else { return };
         let (share, density) = self.density.sample(sampler.pair(index, ISOVALUE)[0]);
         // π R² with R half of the diagonal, over the densities.
-        let transfer = std::f64::consts::PI
-            / (4.0 * f64::from(sample.density) * density * f64::from(self.settings.photons));
+        let transfer =
+            std::f64::consts::PI / (4.0 * f64::from(sample.density) * density * f64::from(self.settings.photons));
         let flux = sample.radiance.map(|l| f64::from(l) * transfer);
         part.energy.photons += 1;
         tally(&mut part.energy.emitted, flux);
@@ -305,7 +305,7 @@ impl<T: Sample> Emission<'_, '_, T> {
         if bounce < self.settings.first_bounce {
             return;
         }
-        let [x, y, z] = self.space.from_grid(start.at.in_grid().as_dvec3()).as_vec3().to_array();
+        let [x, y, z] = self.space.unit_from_grid(start.at.in_grid().as_dvec3()).as_vec3().to_array();
         let point = [x, y, z, flight.height];
         part.energy.store(bounce, flight.flux);
         part.photons.push(Photon::new(point, flight.flux, flight.transfer, normal.vec(), flight.source, bounce));

@@ -77,7 +77,8 @@ fn from_octahedral(code: u32) -> Vec3 {
     let part = |bits: u32| f32::from(bits as u16 as i16) * (1.0 / 32767.0);
     let (x, y) = (part(code >> 16), part(code));
     let z = 1.0 - x.abs() - y.abs();
-    let folded = if z < 0.0 { Vec3::new((1.0 - y.abs()) * sign(x), (1.0 - x.abs()) * sign(y), z) } else { Vec3::new(x, y, z) };
+    let folded =
+        if z < 0.0 { Vec3::new((1.0 - y.abs()) * sign(x), (1.0 - x.abs()) * sign(y), z) } else { Vec3::new(x, y, z) };
     folded.normalize()
 }
 

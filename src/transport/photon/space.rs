@@ -56,24 +56,24 @@ impl Space {
     }
 
     /// Position in diagonals.
-    pub(super) fn from_grid(&self, position_in_grid: DVec3) -> DVec3 {
+    pub(super) fn unit_from_grid(&self, position_in_grid: DVec3) -> DVec3 {
         (self.world_from_grid.point(position_in_grid) - self.centre) / self.diagonal
     }
 
     /// Position in grid of one in diagonals.
-    pub(super) fn to_grid(&self, position: DVec3) -> DVec3 {
+    pub(super) fn grid_from_unit(&self, position: DVec3) -> DVec3 {
         self.grid_from_world.point(self.centre + position * self.diagonal)
     }
 
     /// Whether a position in diagonals is in the box.
     pub(super) fn contains(&self, position: DVec3) -> bool {
-        let p = self.to_grid(position);
+        let p = self.grid_from_unit(position);
         p.cmpge(DVec3::ZERO).all() && p.cmple(self.last).all()
     }
 
     /// Whether a ball around a position in diagonals lies in the box.
     pub(super) fn holds_ball(&self, position: DVec3, radius: f64) -> bool {
-        let p = self.to_grid(position);
+        let p = self.grid_from_unit(position);
         let linear = self.grid_from_world.linear() * (radius * self.diagonal);
         // Half of the ball's extent along a grid axis is the length of that row.
         let rows = linear.transpose();
@@ -86,7 +86,7 @@ impl Space {
     pub(super) fn entry(&self, towards: Normal, disk: glam::Vec2) -> Entry {
         let frame = Frame::around(towards);
         let (x, y) = (frame.tangent.as_dvec3() * f64::from(disk.x), frame.bitangent.as_dvec3() * f64::from(disk.y));
-        let origin = self.to_grid((towards.vec().as_dvec3() + x + y) * 0.5);
+        let origin = self.grid_from_unit((towards.vec().as_dvec3() + x + y) * 0.5);
         let direction = self.grid_from_world.vector(-towards.vec().as_dvec3());
         let direction = direction / direction.length();
         let (mut near, mut far) = (0.0f64, f64::INFINITY);

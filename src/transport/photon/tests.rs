@@ -286,7 +286,10 @@ fn the_map_does_not_depend_on_threads_and_its_settings_are_checked() {
         (PhotonSettings { albedo: [1.5; 3], ..settings.clone() }, "albedo"),
         (PhotonSettings { memory_limit: 1 << 18, ..settings.clone() }, "photon map"),
         (
-            PhotonSettings { isovalues: Isovalues { range: Some([1e9, 2e9]), ..Default::default() }, ..settings.clone() },
+            PhotonSettings {
+                isovalues: Isovalues { range: Some([1e9, 2e9]), ..Default::default() },
+                ..settings.clone()
+            },
             "isovalues",
         ),
     ] {
@@ -326,7 +329,8 @@ fn photons_light_the_bowl_in_three_ways() {
         (PhotonLight::All, Isovalues { range: Some([0.3, 0.9]), ..Default::default() }),
     ] {
         let first_bounce = u32::from(light == PhotonLight::Indirect);
-        let map = PhotonSettings { photons: 1 << 19, albedo: [rho as f32; 3], isovalues, first_bounce, ..Default::default() };
+        let map =
+            PhotonSettings { photons: 1 << 19, albedo: [rho as f32; 3], isovalues, first_bounce, ..Default::default() };
         let map = map_of(&volume, &SKY, &map);
         let search = PhotonSearch { neighbours: 64, ..PhotonSearch::default() };
         let settings = PhotonLightSettings { light, rays: 64, search, seed: 3 };
@@ -363,10 +367,12 @@ fn transfer_from_photons_is_that_of_the_bowl_and_of_the_sphere() {
         for z in 0..cells.dims()[2] {
             cells.for_each_in_slab(z, |x, y| selection.insert_cell([x, y, z]));
         }
-        let job = Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
+        let job =
+            Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
         let photons = PhotonBake { photons: 1 << 20, gamma: 1.0, memory_limit: 1 << 30 };
         let (summary, energy) =
-            photon_bake(&job, &photons, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |_, _| Ok(())).unwrap();
+            photon_bake(&job, &photons, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |_, _| Ok(()))
+                .unwrap();
         assert!(energy.imbalance() < 1e-6);
         let found = summary.mean_escapes();
         for (found, expected) in found.iter().zip(expected) {
@@ -379,8 +385,18 @@ fn transfer_from_photons_is_that_of_the_bowl_and_of_the_sphere() {
             assert!(summary.transfer[1].abs() < 0.05 * summary.transfer[0]);
         }
         let message = photon_bake(
-            &Bake { settings: &Settings { target: Some(crate::transport::Target::escape(&layout.layers, 0.1)), ..settings.clone() }, ..job },
-            &photons, &[], &Progress::default(), &|_| Ok(None), &mut |_, _| Ok(()),
+            &Bake {
+                settings: &Settings {
+                    target: Some(crate::transport::Target::escape(&layout.layers, 0.1)),
+                    ..settings.clone()
+                },
+                ..job
+            },
+            &photons,
+            &[],
+            &Progress::default(),
+            &|_| Ok(None),
+            &mut |_, _| Ok(()),
         );
         assert!(message.err().unwrap().to_string().contains("target"));
     }
