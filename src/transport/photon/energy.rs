@@ -30,7 +30,7 @@ pub struct PhotonEnergy {
 }
 
 impl PhotonEnergy {
-    pub(super) fn store(&mut self, bounce: u32, flux: [f64; 3]) {
+    pub(super) fn arrive(&mut self, bounce: u32, flux: [f64; 3]) {
         tally(&mut self.stored[bounce.min(16) as usize], flux);
     }
 

@@ -79,7 +79,7 @@ impl PhotonMap {
     ) -> Irradiance {
         let query = self.query(field, at, raw_isovalue, normal);
         let mut found = Irradiance::default();
-        let Some(all) = self.search(&query, search, nearest) else { return found };
+        let Some(all) = self.find_near(&query, search, nearest) else { return found };
         self.for_counted(&query, search, nearest, &mut |photon| {
             found.photons += 1;
             let flux = photon.flux_of();
@@ -110,7 +110,7 @@ impl PhotonMap {
     }
 
     /// Finds the nearest photons; `None` where there are none.
-    pub(super) fn search(&self, query: &Query, search: &PhotonSearch, nearest: &mut Nearest) -> Option<Found> {
+    pub(super) fn find_near(&self, query: &Query, search: &PhotonSearch, nearest: &mut Nearest) -> Option<Found> {
         let [x, y, z] = query.position.as_vec3().to_array();
         let at = [x, y, z, (f64::from(self.settings.gamma) * query.share) as f32];
         let most = search.most_radius * search.most_radius;
@@ -134,8 +134,8 @@ impl PhotonMap {
         visit: &mut dyn FnMut(&Photon),
     ) {
         let last = if nearest.len() < search.neighbours as usize { None } else { nearest.farthest() };
-        for (_, place) in nearest.iter() {
-            let photon = &self.tree.photons()[place];
+        for (_, place) in nearest.places() {
+            let photon = &self.tree.in_order()[place];
             let counts = last.is_none_or(|l| l.1 != place);
             if counts && photon.normal().dot(query.normal.vec()) >= search.normal_cosine {
                 visit(photon);
@@ -183,7 +183,7 @@ impl PhotonMap {
                 let disk = warp::square_to_uniform_disk(u).as_dvec2() * (radius * square.sqrt());
                 let at = middle + frame.tangent.as_dvec3() * disk.x + frame.bitangent.as_dvec3() * disk.y;
                 all += square;
-                if self.space.contains(at) {
+                if self.space.box_contains(at) {
                     inside += square;
                 }
             }

@@ -103,7 +103,7 @@ impl IsovalueDensity {
     }
 
     /// The range that is drawn from.
-    pub(super) fn range(&self) -> [f64; 2] {
+    pub(super) fn drawn(&self) -> [f64; 2] {
         [self.low, self.high]
     }
 

@@ -132,14 +132,14 @@ impl PhotonMap {
             }
         });
         photons.shrink_to_fit();
-        let drawn = density.range();
+        let drawn = density.drawn();
         let sign = f64::from(volume.solid_sign());
         Ok(Self { tree: Tree::new(photons), space, settings: settings.clone(), drawn, sign, energy, counts })
     }
 
     /// Hits kept.
     pub fn len(&self) -> usize {
-        self.tree.photons().len()
+        self.tree.in_order().len()
     }
 
     /// Whether no hit was kept.
@@ -307,7 +307,7 @@ impl<T: Sample> Emission<'_, '_, T> {
         }
         let [x, y, z] = self.space.unit_from_grid(start.at.in_grid().as_dvec3()).as_vec3().to_array();
         let point = [x, y, z, flight.height];
-        part.energy.store(bounce, flight.flux);
+        part.energy.arrive(bounce, flight.flux);
         part.photons.push(Photon::new(point, flight.flux, flight.transfer, normal.vec(), flight.source, bounce));
     }
 }

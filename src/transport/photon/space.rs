@@ -66,7 +66,7 @@ impl Space {
     }
 
     /// Whether a position in diagonals is in the box.
-    pub(super) fn contains(&self, position: DVec3) -> bool {
+    pub(super) fn box_contains(&self, position: DVec3) -> bool {
         let p = self.grid_from_unit(position);
         p.cmpge(DVec3::ZERO).all() && p.cmple(self.last).all()
     }

@@ -75,9 +75,9 @@ fn nearest_photons_are_those_of_brute_force() {
             let count = [1, 2, 7, 40, 200][q as usize % 5];
             let most = [f32::INFINITY, 0.05][q as usize % 2];
             tree.nearest(at, count, most, &mut nearest);
-            let mut found: Vec<(f32, usize)> = nearest.iter().collect();
+            let mut found: Vec<(f32, usize)> = nearest.places().collect();
             found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            let all = tree.photons().iter().enumerate().map(|(i, p)| (squared_distance(&p.point, &at), i));
+            let all = tree.in_order().iter().enumerate().map(|(i, p)| (squared_distance(&p.point, &at), i));
             let mut expected: Vec<(f32, usize)> = all.filter(|(d, _)| *d <= most).collect();
             expected.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             expected.truncate(count);
@@ -96,7 +96,7 @@ fn the_tree_keeps_all_photons() {
             all.sort_by_key(|p| p.map(f32::to_bits));
             all
         };
-        assert_eq!(sorted(tree.photons().iter().map(|p| p.point).collect()), sorted(points), "{name}");
+        assert_eq!(sorted(tree.in_order().iter().map(|p| p.point).collect()), sorted(points), "{name}");
     }
 }
 
@@ -260,7 +260,7 @@ fn bounces_in_the_bowl_fall_by_half_and_the_albedo() {
     let stored = &map.energy().stored;
     for k in 0..3 {
         // Photons of equal weight: a ratio of counts m, m' has the error √(1/m + 1/m').
-        let count = |k: usize| map.tree.photons().iter().filter(|p| usize::from(p.bounce) == k).count() as f64;
+        let count = |k: usize| map.tree.in_order().iter().filter(|p| usize::from(p.bounce) == k).count() as f64;
         let error = (1.0 / count(k) + 1.0 / count(k + 1)).sqrt();
         let ratio = stored[k + 1][0] / stored[k][0];
         assert!((ratio / 0.4 - 1.0).abs() < 4.0 * error + 0.01, "bounce {k}: {ratio} ± {error}");
@@ -276,9 +276,9 @@ fn the_map_does_not_depend_on_threads_and_its_settings_are_checked() {
         pool.install(|| map_of(&volume, &SKY, &settings))
     };
     let (one, three) = (with(1), with(3));
-    assert_eq!(one.tree.photons(), three.tree.photons());
+    assert_eq!(one.tree.in_order(), three.tree.in_order());
     assert_eq!(one.energy(), three.energy());
-    assert!(one.tree.photons().len() > 20_000, "several threads build the tree");
+    assert!(one.tree.in_order().len() > 20_000, "several threads build the tree");
     let pyramid = Pyramid::new(&volume);
     for (settings, word) in [
         (PhotonSettings { photons: 0, ..settings.clone() }, "photons"),

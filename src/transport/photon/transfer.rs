@@ -115,7 +115,7 @@ fn from_photons<T: Sample>(
     let mut transfer = vec![0.0f64; layers.coefficients()];
     let mut squares = vec![0.0f64; layers.len()];
     let mut basis = [0.0f32; sh::MAX_BANDS * sh::MAX_BANDS];
-    if let Some(found) = map.search(&query, search, nearest) {
+    if let Some(found) = map.find_near(&query, search, nearest) {
         let factor = 1.0 / (std::f64::consts::PI * found.measure);
         map.for_counted(&query, search, nearest, &mut |photon| {
             let k = usize::from(photon.bounce);

@@ -51,7 +51,7 @@ impl Nearest {
     }
 
     /// Squared distances and places, in no order.
-    pub(super) fn iter(&self) -> impl Iterator<Item = (f32, usize)> {
+    pub(super) fn places(&self) -> impl Iterator<Item = (f32, usize)> {
         self.found.iter().map(|&key| (f32::from_bits((key >> 32) as u32), (key & 0xffff_ffff) as usize))
     }
 
@@ -73,7 +73,7 @@ impl Tree {
         Self { photons }
     }
 
-    pub(super) fn photons(&self) -> &[Photon] {
+    pub(super) fn in_order(&self) -> &[Photon] {
         &self.photons
     }
 
