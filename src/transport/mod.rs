@@ -16,7 +16,7 @@ mod direct;
 mod gather;
 mod open;
 mod path;
-mod photon;
+pub mod photon;
 mod replay;
 mod summary;
 
@@ -29,7 +29,7 @@ pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather
 pub use path::{Settings, Target, TexelEstimate, radiance_weights};
 pub use photon::{
     Density, Irradiance, IsovalueChoice, Isovalues, PhotonBake, PhotonEnergy, PhotonLight, PhotonLightSettings,
-    PhotonMap, PhotonSearch, PhotonSettings, photon_bake, photon_direct, photon_memory,
+    PhotonMap, PhotonSearch, PhotonSettings, photon_bake, photon_direct,
 };
 pub use replay::{ReplayedPath, replay};
 pub use summary::{ErrorHistogram, Summary};

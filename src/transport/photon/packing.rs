@@ -11,7 +11,7 @@ use half::f16;
 pub(super) struct Photon {
     /// Position in diagonals of the box from its centre, and γ times the isovalue in ranges of the samples.
     pub(super) point: [f32; 4],
-    /// Flux-height as it arrives, of the channel that has the most.
+    /// Flux-height as it arrives, of the channel that has the most (of either sign).
     pub(super) flux: f32,
     /// Flux-height without radiance and albedo: that under L = 1 with survivors of the roulette weighted 1/survival.
     pub(super) transfer: f32,
@@ -31,8 +31,8 @@ const _: () = assert!(size_of::<Photon>() == 40);
 impl Photon {
     /// `normal` at the hit; `source` points to where in the environment the photon came from.
     pub(super) fn new(point: [f32; 4], flux: [f64; 3], transfer: f64, normal: Vec3, source: Vec3, bounce: u32) -> Self {
-        let most = flux[0].max(flux[1]).max(flux[2]);
-        let share = |c: usize| f16::from_f64(if most > 0.0 { flux[c] / most } else { 0.0 });
+        let most = flux.into_iter().fold(0.0f64, |m, f| if f.abs() > m.abs() { f } else { m });
+        let share = |c: usize| f16::from_f64(if most != 0.0 { flux[c] / most } else { 0.0 });
         Self {
             point,
             flux: most as f32,
@@ -110,6 +110,9 @@ mod tests {
             assert!((found - expected).abs() < expected * 2f64.powi(-11) + 3e-5 * 2f64.powi(-25), "{found:?}");
         }
         assert_eq!(photon.bounce, 255);
+        // An environment whose negatives are kept.
+        let negative = Photon::new([0.0; 4], [-4.0, 1.0, 0.0], 2.0, Vec3::X, Vec3::Y, 0);
+        assert_eq!(negative.flux_of(), [-4.0, 1.0, 0.0]);
         assert_eq!(Photon::new([0.0; 4], [0.0; 3], 2.0, Vec3::X, Vec3::Y, 0).flux_of(), [0.0; 3]);
     }
 }

@@ -301,8 +301,7 @@ fn the_map_does_not_depend_on_threads_and_its_settings_are_checked() {
     assert_eq!(map.energy().emitted, [0.0; 3]);
 }
 
-/// A light of the environment `gradient` is not at hand here: a sky of radiance 1, under which the bowl's exitant
-/// radiance is ρ f/(1 − ρ(1−f)) with f = 1/2 (VALIDATION 13).
+/// Under a sky of radiance 1 the bowl's exitant radiance is ρ f/(1 − ρ(1−f)) with f = 1/2 (VALIDATION 13).
 #[test]
 fn photons_light_the_bowl_in_three_ways() {
     let volume = named("bowl:48");
@@ -349,7 +348,8 @@ fn photons_light_the_bowl_in_three_ways() {
 
 #[test]
 fn transfer_from_photons_is_that_of_the_bowl_and_of_the_sphere() {
-    use crate::transfer::{Lattice, Layers, Layout, Selection};
+    use crate::transfer::{Brick, Lattice, Layers, Layout, Selection};
+    use crate::transport::combine::clamped_cosine;
     use crate::transport::{Bake, Progress, Settings};
     // Mean over the texels near one isosurface of a_k = f (1−f)^k on the bowl, and 1, 0, 0 outside a sphere.
     for (spec, isovalue, expected) in [("bowl:32", 0.6, [0.5, 0.25, 0.125]), ("sphere:32", f64::NAN, [1.0, 0.0, 0.0])] {
@@ -370,19 +370,42 @@ fn transfer_from_photons_is_that_of_the_bowl_and_of_the_sphere() {
         let job =
             Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
         let photons = PhotonBake { photons: 1 << 20, gamma: 1.0, memory_limit: 1 << 30 };
+        let Samples::F32(samples) = volume.samples() else { unreachable!() };
+        let level = LevelField::new(&volume, samples, &pyramid);
+        // Squared deviation of layer 0 from the clamped cosine, squared stated error, squared transfer.
+        let (mut deviation, mut stated, mut norm) = (0.0, 0.0, 0.0);
+        let mut sink = |chunk: [usize; 3], bricks: Vec<Option<Brick>>| {
+            for (b, brick) in bricks.iter().enumerate() {
+                let Some(brick) = brick else { continue };
+                for t in (0..512).filter(|&t| brick.rays[t] > 0) {
+                    let inner = [b % 4, b / 4 % 4, b / 16];
+                    let within = [t % 8, t / 8 % 8, t / 64];
+                    let texel = std::array::from_fn(|a| (chunk[a] * 4 + inner[a]) * 8 + within[a]);
+                    let normal = level.site(lattice.grid_from_texel(texel)).unwrap().normal;
+                    let mut exact = [0.0f32; 9];
+                    clamped_cosine(3, normal, &mut exact);
+                    for (i, exact) in exact.iter().enumerate() {
+                        deviation += (brick.transfer[27 * t + i].to_f64() - f64::from(*exact)).powi(2);
+                        norm += f64::from(*exact).powi(2);
+                        stated += brick.stderr[9 * t + (i as f64).sqrt() as usize].to_f64().powi(2);
+                    }
+                }
+            }
+            Ok(())
+        };
+        let nothing = |_| Ok(None);
         let (summary, energy) =
-            photon_bake(&job, &photons, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |_, _| Ok(()))
-                .unwrap();
+            photon_bake(&job, &photons, &job.chunks(), &Progress::default(), &nothing, &mut sink).unwrap();
         assert!(energy.imbalance() < 1e-6);
-        let found = summary.mean_escapes();
-        for (found, expected) in found.iter().zip(expected) {
+        for (found, expected) in summary.mean_escapes().iter().zip(expected) {
             // Spread over about 3 samples of a surface of radius 9: curved by a tenth of the radius.
             assert!((found - expected).abs() < 0.04, "{spec}: {found}, expected {expected}");
         }
         if spec.starts_with("sphere") {
-            // On the whole sphere the first moment of T cancels, while each texel has it: the mean of the zonal part
-            // along the normal is A_1/π Y_1.
-            assert!(summary.transfer[1].abs() < 0.05 * summary.transfer[0]);
+            // Each texel has the transfer of a convex body, but for the noise it states and a normal that turns by a tenth
+            // within the search.
+            assert!(deviation < 1.3 * stated + 0.01 * norm, "{deviation}, stated {stated}, of {norm}");
+            assert!(deviation > 0.3 * stated, "{deviation}, stated {stated}, of {norm}");
         }
         let message = photon_bake(
             &Bake {
@@ -393,7 +416,7 @@ fn transfer_from_photons_is_that_of_the_bowl_and_of_the_sphere() {
                 ..job
             },
             &photons,
-            &[],
+            &job.chunks(),
             &Progress::default(),
             &|_| Ok(None),
             &mut |_, _| Ok(()),

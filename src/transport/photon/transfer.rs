@@ -50,11 +50,6 @@ impl DirectionalSource for Everywhere {
     }
 }
 
-/// Bytes that the map of a bake takes at most: as many hits as photons and layers. Typically a third of that.
-pub fn photon_memory(bake: &Bake<'_>, settings: &PhotonBake) -> u64 {
-    u64::from(settings.photons) * 40 * bake.settings.layers.len() as u64
-}
-
 /// Bakes the selected texels from a photon map, and hands out the chunks asked for as [`super::super::bake()`] does;
 /// `present` likewise. The map is the same whatever chunks are asked for, and is made anew for each call.
 ///
@@ -72,6 +67,10 @@ pub fn photon_bake(
     if bake.settings.target.is_some() {
         let remedy = "leave it out, or use the estimator path";
         return Err(Error::argument("target", "with the estimator photon", "none: its error has a bias", remedy));
+    }
+    if chunks.is_empty() {
+        // A volume without a surface has nothing to bake, and no isovalue to draw.
+        return Ok((Summary::new(&bake.settings.layers), PhotonEnergy::default()));
     }
     let map = PhotonMap::new(
         bake.volume,
