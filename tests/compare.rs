@@ -3,23 +3,16 @@
 #[path = "common/program.rs"]
 mod program;
 
-use assert_cmd::Command;
 use program::Bench;
 use serde_json::Value;
 
 #[test]
 fn a_store_is_compared_and_the_budget_sums() {
-    let directory = tempfile::tempdir().unwrap();
-    let run = |line: &str| {
-        let mut command = Command::cargo_bin("isolume").unwrap();
-        command.current_dir(directory.path()).args(line.split_whitespace()).output().unwrap()
-    };
-    assert!(run("bake bumpbox:32 --isovalues 47 --rays 64 -o b.isolume").status.success());
+    let bench = Bench::new();
+    bench.run("bake bumpbox:32 --isovalues 47 --rays 64 -o b.isolume");
     let line =
         "compare b.isolume --isovalue 47 --env gradient --env sun:30,50,20 --points 200 --paths 64 --texel-rays 256";
-    let output = run(&format!("{line} --json"));
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let found = bench.json(line);
     let rows = found["rows"].as_array().unwrap();
     assert_eq!(rows.len(), 2);
     for row in rows {
@@ -31,7 +24,7 @@ fn a_store_is_compared_and_the_budget_sums() {
     // cut off.
     let truncation = |i: usize| rows[i]["budget_mean_square"]["truncation"].as_f64().unwrap();
     assert!(truncation(1) > 4.0 * truncation(0), "{} {}", truncation(0), truncation(1));
-    let text = String::from_utf8(run(line).stdout).unwrap();
+    let text = bench.run(line);
     assert!(text.contains("truncation") && text.contains("its bands"), "{text}");
     for (line, code, word) in [
         ("compare bumpbox:32 --isovalue 47 --env gradient", 1, "isolume bake"),
@@ -39,9 +32,8 @@ fn a_store_is_compared_and_the_budget_sums() {
         ("compare b.isolume --isovalue 47 --env gradiant", 1, "gradient"),
         ("compare b.isolume --isovalue 47 --env gradient --paths 5", 2, "power of two"),
     ] {
-        let output = run(line);
-        assert_eq!(output.status.code(), Some(code), "{line}");
-        assert!(String::from_utf8_lossy(&output.stderr).contains(word), "{line}: {output:?}");
+        let (found, _, said) = bench.outcome(line);
+        assert!(found == code && said.contains(word), "{line}: {found}, {said}");
     }
 }
 
@@ -75,8 +67,10 @@ fn photons_bake_compare_and_draw() {
     assert_eq!(&bench.bytes("p.glb")[..4], b"glTF");
     let table = bench.run(line);
     assert!(table.contains("store against photons") && table.contains("p.png") && table.contains("p.glb"), "{table}");
+    bench.write("file", "no directory");
     for (line, word) in [
         ("compare p.isolume --isovalue 47 --env gradient --png p.jpg", ".png"),
+        ("compare p.isolume --isovalue 47 --env gradient --png file/p.png", "directory"),
         ("compare p.isolume --isovalue 47 --env gradient --env studio --png p.png", "{env}"),
         ("bake bumpbox:24 --estimator photon --error 1% -o q.isolume", "estimator path"),
     ] {
