@@ -24,6 +24,7 @@ mod console;
 mod demo;
 mod doctor;
 mod env;
+mod forecast;
 mod info;
 mod input;
 mod isovalue;
@@ -36,6 +37,7 @@ mod plan;
 mod relight;
 mod replay;
 mod scene;
+mod study;
 mod surface;
 mod text;
 
@@ -83,6 +85,7 @@ enum Command {
     Bake(Box<bake::Bake>),
     Merge(merge::Merge),
     Compare(compare::Compare),
+    Study(study::Study),
     Relight(Box<relight::Relight>),
     Env(env::Env),
 }
@@ -152,6 +155,7 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         Command::Bake(command) => command.run(seed, console),
         Command::Merge(command) => command.run(console),
         Command::Compare(command) => command.run(seed, console),
+        Command::Study(command) => command.run(seed, console),
         Command::Relight(command) => command.run(seed, console),
         Command::Env(command) => command.run(console),
     }
