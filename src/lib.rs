@@ -63,6 +63,7 @@
 //! | [`render`] | camera rays for previews | solvers |
 //! | [`mod@compare`] | the store against paths on the same surface, the budget of its errors | files |
 //! | [`export`] | GLB, PLY, PNG, contact sheets, atomic files | volumes, SH, light |
+//! | [`view`] | the live page and its data, as bytes | solvers, sockets |
 //! | [`cli`] | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
 //!
 //! # Habits that bind
@@ -92,6 +93,7 @@ pub mod relight;
 pub mod render;
 pub mod compare;
 pub mod export;
+pub mod view;
 pub mod cli;
 
 pub use error::{Error, Result};

@@ -38,6 +38,7 @@ mod replay;
 mod scene;
 mod surface;
 mod text;
+mod view;
 
 #[cfg(test)]
 mod tests;
@@ -84,6 +85,7 @@ enum Command {
     Merge(merge::Merge),
     Compare(compare::Compare),
     Relight(Box<relight::Relight>),
+    View(view::View),
     Env(env::Env),
 }
 
@@ -153,6 +155,7 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         Command::Merge(command) => command.run(console),
         Command::Compare(command) => command.run(seed, console),
         Command::Relight(command) => command.run(seed, console),
+        Command::View(command) => command.run(console),
         Command::Env(command) => command.run(console),
     }
 }

@@ -1,11 +1,15 @@
 //! Preview pictures as options, and from radiance to an image.
 
+use super::surface::Surface;
 use super::text;
 use crate::error::{Error, Result};
 use crate::export::Image;
+use crate::geom::Up;
 use crate::relight::Exposure;
-use crate::render::{Picture, Projection, View};
+use crate::render::{Camera, Picture, Projection, View};
 use crate::scene::srgb;
+use crate::volume::Volume;
+use clap::ValueEnum;
 
 /// How a preview looks.
 #[derive(clap::Args, Clone, Debug)]
@@ -22,6 +26,20 @@ pub(super) struct PictureArgs {
     /// Behind the surface: white, black, transparent or #rrggbb (sRGB)
     #[arg(long, default_value = "#2c3036", value_name = "COLOUR", value_parser = parse_background)]
     pub(super) background: [f32; 4],
+    /// What the camera has in view: the surface, or the whole box of the volume, so that pictures of several isovalues
+    /// stay in register
+    #[arg(long, value_enum, default_value = "surface")]
+    pub(super) frame: Frame,
+    /// Rays along each side of a pixel
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=16))]
+    pub(super) supersampling: u8,
+}
+
+/// What the camera has in view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Frame {
+    Surface,
+    Box,
 }
 
 const VIEWS: [&str; 7] = ["front", "back", "left", "right", "top", "bottom", "iso"];
@@ -75,6 +93,15 @@ impl PictureArgs {
     /// The projection asked for.
     pub(super) fn projection(&self) -> Projection {
         self.perspective.map_or(Projection::Orthographic, Projection::Perspective)
+    }
+
+    /// The camera asked for.
+    pub(super) fn camera(&self, surface: &Surface, volume: &Volume, up: Up) -> Camera {
+        let aspect = self.size.0 as f64 / self.size.1 as f64;
+        match self.frame {
+            Frame::Surface => surface.camera(volume, up, self.view, self.projection(), aspect),
+            Frame::Box => Camera::framing(&volume.world_bounds(), up, self.view, self.projection(), aspect),
+        }
     }
 }
 

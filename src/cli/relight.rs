@@ -635,8 +635,8 @@ impl Context<'_> {
         let args = &self.command.picture;
         let start = Instant::now();
         let (width, height) = args.size;
-        let camera = surface.camera(self.volume, self.up, args.view, args.projection(), width as f64 / height as f64);
-        let options = RenderOptions { width, height, supersampling: SUPERSAMPLING };
+        let camera = args.camera(surface, self.volume, self.up);
+        let options = RenderOptions { width, height, supersampling: usize::from(args.supersampling) };
         let (isovalue, light, suns) = (surface.isovalue, &lighting.light, &lighting.suns);
         let picture =
             render_with_suns(self.volume, self.pyramid, isovalue, contracted, light, material, &camera, &options, suns);
@@ -696,9 +696,6 @@ impl Context<'_> {
         })
     }
 }
-
-/// Rays along each side of a pixel.
-const SUPERSAMPLING: usize = 2;
 
 impl Relit {
     fn print(&self, console: &Console) {

@@ -1,0 +1,1 @@
+//! Packing against the store's own numbers.
