@@ -236,10 +236,9 @@ function showState() {
     `isovalue ${short(state.isovalue)} · ${probe.name}${turned ? ` turned ${turned}°` : ""} · ` +
     (state.colour ? state.colour : `albedo ${short(state.albedo)}`) + ` · ${state.exposure >= 0 ? "+" : "−"}${Math.abs(state.exposure).toFixed(2)} EV` +
     (state.mode === "light" ? "" : ` · ${VIEWS[state.mode][0].toLowerCase()}`);
-  const active = document.activeElement;
-  const set = (id, value) => { if ($(id) !== active) $(id).value = value; };
-  set("isovalueNumber", short(state.isovalue, 6));
-  if ($("isovalue") !== active) $("isovalue").value = sliderFromIsovalue(state.isovalue);
+  // Not under the hand of someone who types.
+  if ($("isovalueNumber") !== document.activeElement) $("isovalueNumber").value = short(state.isovalue, 6);
+  $("isovalue").value = sliderFromIsovalue(state.isovalue);
   $("isovalue").setAttribute("aria-valuetext", short(state.isovalue));
   $("albedo").value = state.albedo;
   $("rotation").value = turned;
@@ -256,7 +255,7 @@ function showState() {
   if (held) $("heldNote").textContent = `Baked for ${held.map((v) => short(v)).join(", ")} only: elsewhere light is partly without shadows.`;
   $("errorNote").textContent = probe.relativeError === null
     ? `Error of the bake under constant light: see the view “Error of the bake”.`
-    : `Standard error of the bake under ${probe.name} at albedo ${header.albedo}: ${percent(probe.relativeError)} of the mean radiance (RMS over all texels).`;
+    : `Standard error of the bake under ${probe.name} at albedo ${short(header.albedo, 2)}: ${percent(probe.relativeError)} of the mean radiance (RMS over all texels).`;
   $("legend").textContent = VIEWS[state.mode][1];
   $("legend").hidden = VIEWS[state.mode][1] === "";
   $("canvas").setAttribute("aria-label", `${header.name}: ${$("shown").textContent}`);
@@ -491,7 +490,7 @@ async function start() {
   renderer = new Renderer($("canvas"), data);
   data.payload = null; // it is on the GPU now
   state.isovalue = header.isovalue;
-  state.albedo = header.albedo;
+  state.albedo = Number(header.albedo.toPrecision(3));
   if (matchMedia("(prefers-color-scheme: light)").matches) document.documentElement.classList.add("light");
   connectControls();
   connectStage();

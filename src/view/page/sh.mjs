@@ -24,35 +24,56 @@ export function evaluateBasis(bands, x, y, z, out) {
   return out;
 }
 
+// Gauss-Legendre with three points on [−1, 1].
+const GAUSS = [[-Math.sqrt(0.6), 5 / 9], [0, 8 / 9], [Math.sqrt(0.6), 5 / 9]];
+
 /**
- * Coefficients of a lat-long image in the upright frame (+z up), red, green and blue side by side.
- * Longitude π is at the left edge, 0 in the middle; rows are weighted by their exact solid angle. Pixels that no
- * light can have (negative, not finite) count as 0.
+ * Coefficients of a lat-long image in the upright frame (+z up), red, green and blue side by side. Longitude π is at
+ * the left edge, 0 in the middle. Each pixel counts with the integral of the basis over it: exact along its row, by
+ * three points of Gauss across. Pixels that no light can have (negative, not finite) count as 0.
  */
 export function projectLatLong(width, height, rgb, bands) {
   const sum = new Float64Array(3 * bands * bands);
-  const row = new Float64Array(3 * bands * bands);
-  const basis = new Float64Array(bands * bands);
-  const channel = (v) => (v > 0 && v < Infinity ? v : 0);
+  const step = (2 * Math.PI) / width;
+  // Upright azimuth is longitude − π/2: probe (sin λ, ·, cos λ) stands at upright (sin λ, −cos λ, ·).
+  const waves = [];
+  for (let m = 0; m < bands; m++) {
+    const share = m === 0 ? step : (2 * Math.sin((m * step) / 2)) / m;
+    const wave = (f) => Float64Array.from({ length: width }, (_, i) => share * f(m * (Math.PI / 2 - step * (i + 0.5))));
+    waves.push([wave(Math.cos), wave(Math.sin)]);
+  }
+  const basis = new Float64Array(bands * bands), profile = new Float64Array(bands * bands);
+  const row = new Float64Array(3 * width);
   for (let j = 0; j < height; j++) {
-    const latitude = Math.PI / 2 - (Math.PI * (j + 0.5)) / height;
-    const edge = (k) => Math.sin(Math.PI / 2 - (Math.PI * k) / height);
-    const solidAngle = ((2 * Math.PI) / width) * (edge(j) - edge(j + 1));
-    row.fill(0);
-    for (let i = 0; i < width; i++) {
-      const longitude = Math.PI - (2 * Math.PI * (i + 0.5)) / width;
-      // Probe frame (y up): cos·sin λ, sin, cos·cos λ; upright (x, y, z) stands at probe (x, z, −y).
-      const radius = Math.cos(latitude);
-      evaluateBasis(bands, radius * Math.sin(longitude), -radius * Math.cos(longitude), Math.sin(latitude), basis);
-      const at = 3 * (i + width * j);
-      const r = channel(rgb[at]), g = channel(rgb[at + 1]), b = channel(rgb[at + 2]);
-      for (let k = 0; k < basis.length; k++) {
-        row[3 * k] += r * basis[k];
-        row[3 * k + 1] += g * basis[k];
-        row[3 * k + 2] += b * basis[k];
+    for (let i = 0; i < 3 * width; i++) {
+      const v = rgb[i + 3 * width * j];
+      row[i] = v > 0 && v < Infinity ? v : 0;
+    }
+    // ∫ over the row's latitudes of the basis at azimuth 0.
+    profile.fill(0);
+    for (const [node, weight] of GAUSS) {
+      const latitude = Math.PI / 2 - (Math.PI * (j + 0.5 + 0.5 * node)) / height;
+      evaluateBasis(bands, Math.cos(latitude), 0, Math.sin(latitude), basis);
+      const part = ((weight * Math.PI) / height / 2) * Math.cos(latitude);
+      for (let k = 0; k < basis.length; k++) profile[k] += part * basis[k];
+    }
+    for (let m = 0; m < bands; m++) {
+      const [cosines, sines] = waves[m];
+      const fourier = [0, 0, 0, 0, 0, 0];
+      for (let i = 0; i < width; i++) {
+        for (let c = 0; c < 3; c++) {
+          fourier[c] += row[3 * i + c] * cosines[i];
+          fourier[c + 3] += row[3 * i + c] * sines[i];
+        }
+      }
+      for (let l = m; l < bands; l++) {
+        const centre = l * l + l;
+        for (let c = 0; c < 3; c++) {
+          sum[3 * (centre + m) + c] += profile[centre + m] * fourier[c];
+          if (m > 0) sum[3 * (centre - m) + c] += profile[centre + m] * fourier[c + 3];
+        }
       }
     }
-    for (let k = 0; k < sum.length; k++) sum[k] += solidAngle * row[k];
   }
   return sum;
 }
