@@ -34,6 +34,7 @@ mod output;
 mod picture;
 mod plan;
 mod relight;
+mod relightable;
 mod replay;
 mod scene;
 mod surface;

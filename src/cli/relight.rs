@@ -10,7 +10,7 @@ use super::output::{Format, Target, clean, make_folder, targets};
 use super::picture::{PictureArgs, check_size, develop};
 use super::scene::SceneFile;
 use super::surface::Surface;
-use super::{Failure, Outcome, info, options, text};
+use super::{Failure, Outcome, info, options, relightable, text};
 use crate::error::Error;
 use crate::export::gltf::{ColourFormat, GltfOptions};
 use crate::export::{Image, atomic, gltf, ply, png};
@@ -86,6 +86,9 @@ struct MeshArgs {
     /// Store COLOR_0 as 32-bit floats
     #[arg(long)]
     float_color: bool,
+    /// Carry the transfer of each vertex in .glb files, so that they can be lit anew elsewhere
+    #[arg(long)]
+    transfer: bool,
     /// glTF units (metres) to a world unit [default: as the file says, or the longest side becomes 1]
     #[arg(long, value_name = "S")]
     scale: Option<f64>,
@@ -591,7 +594,7 @@ impl Context<'_> {
         let record = self.record(probe, &material, &written);
         match written.target.format {
             Format::Png => self.write_picture(surface, &contracted, &lighting, &material, record, &mut written)?,
-            _ => self.write_mesh(surface, &lit.radiance, &errors, record, &mut written)?,
+            _ => self.write_mesh(surface, (probe, &lighting, &material), (&lit.radiance, &errors), record, &mut written)?,
         }
         written.bytes = std::fs::metadata(&written.target.path).map_or(0, |m| m.len());
         Ok(written)
@@ -600,8 +603,8 @@ impl Context<'_> {
     fn write_mesh(
         &self,
         surface: &Surface,
-        radiance: &[[f32; 3]],
-        errors: &[f32],
+        (probe, lighting, material): (&Probe, &Lighting, &Material),
+        (radiance, errors): (&[[f32; 3]], &[f32]),
         record: Value,
         written: &mut Written,
     ) -> Outcome {
@@ -616,7 +619,13 @@ impl Context<'_> {
             atomic::write(path, |w| ply::write(w, &mesh, &options))?;
         } else {
             let colour_format = if args.float_color { ColourFormat::F32 } else { ColourFormat::U16 };
-            let options = GltfOptions { colour_format, scale: args.scale, provenance: record, ..Default::default() };
+            let mut options = GltfOptions { colour_format, scale: args.scale, provenance: record, ..Default::default() };
+            if args.transfer {
+                let (layers, rotation) = (&self.store.layout().layers, self.command.light.env_rotate);
+                options.scalars = relightable::attributes(self.store, &surface.mesh)?;
+                options.mesh_extras =
+                    relightable::extras(layers, probe, &lighting.light, material, self.up, rotation, written.exposure)?;
+            }
             atomic::write(path, |w| gltf::write(w, &mesh, &options))?;
         }
         written.times.write = start.elapsed();
