@@ -24,6 +24,7 @@ mod console;
 mod demo;
 mod doctor;
 mod env;
+mod export;
 mod info;
 mod input;
 mod isovalue;
@@ -87,6 +88,7 @@ enum Command {
     Compare(compare::Compare),
     Relight(Box<relight::Relight>),
     View(view::View),
+    Export(Box<export::Export>),
     Env(env::Env),
 }
 
@@ -157,6 +159,7 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         Command::Compare(command) => command.run(seed, console),
         Command::Relight(command) => command.run(seed, console),
         Command::View(command) => command.run(console),
+        Command::Export(command) => command.run(console),
         Command::Env(command) => command.run(console),
     }
 }
