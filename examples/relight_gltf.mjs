@@ -44,9 +44,9 @@ function matrixFromQuaternion([x, y, z, w]) {
 
 /**
  * Linear radiance of each vertex, Σ_k ρ^(k+1) ⟨T_k, L⟩ and the tail beyond the last layer. `light`: coefficients in
- * world, red, green and blue side by side.
+ * world, red, green and blue side by side; `withTail` false leaves out what comes beyond the last layer.
  */
-export function relight({ positions, planes, transfer }, light, albedo) {
+export function relight({ positions, planes, transfer }, light, albedo, withTail = true) {
   const count = positions.length / 3, { bands } = transfer, last = bands.length - 1;
   const radiance = new Float32Array(3 * count), layer = new Float32Array(3 * count);
   const escapes = [];
@@ -61,7 +61,7 @@ export function relight({ positions, planes, transfer }, light, albedo) {
     }
     for (let i = 0; i < layer.length; i++) radiance[i] += layer[i];
   });
-  if (last === 0) return radiance;
+  if (last === 0 || !withTail) return radiance;
   for (let v = 0; v < count; v++) {
     const [before, final] = [escapes[last - 1][v], escapes[last][v]];
     const survival = Math.max(0, 1 - escapes.reduce((sum, a) => sum + a[v], 0));

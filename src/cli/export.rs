@@ -11,7 +11,7 @@ use crate::export::field::{RadianceField, write_nrrd, write_raw, write_raw_heade
 use crate::relight::{LookupReport, Material, contract};
 use crate::scene::MaterialRule;
 use crate::transfer::store::Store;
-use crate::transfer::{Lattice, Selection};
+use crate::transfer::{BRICK, BrickSource, BrickView, Lattice, Selection, validity};
 use crate::volume::Volume;
 use glam::{DMat3, DVec3};
 use serde_json::json;
@@ -64,16 +64,19 @@ impl Export {
         if lighting.certified {
             contracted.clamp_negative();
         }
+        let views = bricks.iter().map(|&b| store.brick(b)).collect::<Result<Vec<_>, Error>>()?;
         let (mut radiance, mut valid, mut values) = (Vec::new(), Vec::new(), Vec::new());
         let [mx, my, mz] = layout.lattice.texels();
         let mut report = LookupReport::default();
         for i in 0..mx * my * mz {
-            let at = layout.lattice.grid_from_texel([i % mx, i / mx % my, i / mx / my]);
+            let texel = [i % mx, i / mx % my, i / mx / my];
+            let at = layout.lattice.grid_from_texel(texel);
             let before = report;
             let rgb = contracted.radiance_at(at.map(|v| v as f32), [0.0, 0.0, 1.0], &lighting.light, &material, &mut report);
             let none = report.unoccluded > before.unoccluded;
             radiance.push(if none { [0.0; 3] } else { rgb });
-            valid.push(if none { 0 } else { 1 + u8::from(report.neighbourhood > before.neighbourhood) });
+            let has_level_set = is_valid(&views, layout.lattice, texel);
+            valid.push(if none { 0 } else if has_level_set { 1 } else { 2 });
             values.push(value(&volume, at));
         }
         let lit: Vec<[f32; 3]> = radiance.iter().zip(&valid).filter(|(_, v)| **v == 1).map(|(r, _)| *r).collect();
@@ -81,6 +84,7 @@ impl Export {
             let remedy = "bake it first: isolume bake VOLUME -o X.isolume";
             return Err(Error::argument("store", "no texel with a level set", "at least one that is baked", remedy).into());
         }
+        let filled = valid.iter().filter(|v| **v == 2).count() as u64;
         let exposure = self.material.exposure.factor(&lit);
         let provenance = json!({
             "program": concat!("isolume ", env!("CARGO_PKG_VERSION")),
@@ -106,12 +110,12 @@ impl Export {
             "{}  {mx} × {my} × {mz} texels, {} with a level set, {} filled from neighbours; {}",
             self.output.display(),
             text::count(lit.len() as u64),
-            text::count(report.neighbourhood),
+            text::count(filled),
             text::bytes(bytes as f64)
         ));
         console.print_json(&json!({
             "path": self.output.display().to_string(), "bytes": bytes, "texels": [mx, my, mz], "valid": lit.len(),
-            "filled": report.neighbourhood, "record": provenance,
+            "filled": filled, "record": provenance,
         }));
         Ok(())
     }
@@ -153,6 +157,14 @@ fn write(path: &Path, format: Format, field: &RadianceField<'_>) -> Outcome {
         }
     }
     Ok(())
+}
+
+/// Whether a texel has a level set; `views` are all bricks, x fastest.
+fn is_valid(views: &[Option<BrickView<'_>>], lattice: Lattice, texel: [usize; 3]) -> bool {
+    let [bx, by, _] = lattice.bricks();
+    let inner = texel[0] % BRICK + BRICK * (texel[1] % BRICK + BRICK * (texel[2] % BRICK));
+    views[texel[0] / BRICK + bx * (texel[1] / BRICK + by * (texel[2] / BRICK))]
+        .is_some_and(|view| view.validity[inner] & validity::VALID != 0)
 }
 
 /// World position of the first texel and the steps from texel to texel.

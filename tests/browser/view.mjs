@@ -7,26 +7,14 @@
 // Screenshots go to target/browser/. Exit code 0: everything holds; 1: something does not, and says what.
 
 import { execFileSync, spawn } from "node:child_process";
-import { mkdirSync, readFileSync, statSync } from "node:fs";
-import { createRequire } from "node:module";
-import { basename, dirname, join, resolve } from "node:path";
-import { fileURLToPath, pathToFileURL } from "node:url";
-
-const root = dirname(dirname(dirname(fileURLToPath(import.meta.url))));
-const npm = resolve(process.env.ISOLUME_NPM || join(root, "target/npm"));
-const { chromium } = createRequire(join(npm, "package.json"))("playwright-core");
-const out = join(root, "target/browser");
-mkdirSync(out, { recursive: true });
+import { readFileSync, statSync } from "node:fs";
+import { basename, join } from "node:path";
+import { pathToFileURL } from "node:url";
+import { check, dropFile, finish, launch, out, root } from "./common.mjs";
 
 const [program, ...stores] = process.argv.slice(2);
 const SIZE = [480, 360];
 const MOST_DIFFERENCE = 2; // of 255, mean over covered pixels outside silhouettes
-
-let failures = 0;
-function check(holds, text) {
-  console.log(`${holds ? "ok  " : "FAIL"} ${text}`);
-  if (!holds) failures++;
-}
 
 /** Serves a store; gives the address and how to end it. */
 async function serve(store, ...options) {
@@ -103,27 +91,15 @@ async function difference(page, change, picture) {
 /** Drops a file onto the page, as a hand would. */
 async function drop(page, path) {
   const before = await page.evaluate(() => document.getElementById("environment").options.length);
-  const bytes = readFileSync(path).toString("base64");
-  await page.evaluate(async ([bytes, name]) => {
-    const file = new File([Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0))], name);
-    const transfer = new DataTransfer();
-    transfer.items.add(file);
-    for (const type of ["dragover", "drop"]) {
-      document.getElementById("canvas").dispatchEvent(new DragEvent(type, { dataTransfer: transfer, bubbles: true, cancelable: true }));
-    }
-  }, [bytes, basename(path)]);
+  await dropFile(page, path);
   await page.waitForFunction((n) => document.getElementById("environment").options.length > n || !document.getElementById("message").hidden, before);
 }
 
 const counters = (page) => page.evaluate(() => ({ ...window.isolume.counters }));
 
-const browser = await chromium.launch({
-  executablePath: process.env.CHROMIUM || "/usr/bin/chromium",
-  args: ["--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
-    "--disable-sync", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
-});
+const browser = await launch();
 
-async function open(address, viewport = { width: 1280, height: 800 }) {
+async function open(address, viewport = { width: 1100, height: 720 }) {
   const page = await browser.newPage({ viewport });
   page.requests = [];
   page.on("request", (r) => { if (!/^(data|blob):/.test(r.url())) page.requests.push(r.url()); });
@@ -259,5 +235,4 @@ async function accessible(page) {
 }
 
 await browser.close();
-console.log(failures === 0 ? "\nthe page holds" : `\n${failures} checks failed; pictures in ${out}`);
-process.exit(failures === 0 ? 0 : 1);
+finish("the page");

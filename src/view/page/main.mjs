@@ -34,11 +34,12 @@ function update(change) {
   if (touches("environment", "rotation", "albedo", "colour", "layers", "bands") || recolours) lightIsStale = true;
   if (touches("environment", "albedo", "colour", "isovalue", "autoExposure")) exposureIsStale = true;
   if (touches("environment")) showSky();
+  showState();
+  if (state.fixedSize) return; // who fixes the size draws by hand
   coarse = true;
   schedule();
   clearTimeout(idleTimer);
   idleTimer = setTimeout(() => { coarse = false; schedule(); }, IDLE);
-  showState();
 }
 
 function schedule() {
@@ -410,11 +411,11 @@ function save() {
 function measure() {
   coarse = false;
   drawFrame();
-  const found = renderer.measure(view(), 5);
+  const found = renderer.measure(view(), 3);
   $("speed").textContent =
     `${found.fetchesPerPixel.toFixed(1)} texture fetches a pixel (${found.fetchesPerCoveredPixel.toFixed(1)} on the surface), ` +
     `${(found.fetchesPerFrame / 1e6).toFixed(1)} million a frame; ${found.milliseconds.toFixed(1)} ms for ` +
-    `${found.pixels.join(" × ")} pixels, median of 5 (${found.renderer}).`;
+    `${found.pixels.join(" × ")} pixels, median of 3 (${found.renderer}).`;
   return found;
 }
 
