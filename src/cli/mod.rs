@@ -38,6 +38,7 @@ mod relight;
 mod relightable;
 mod replay;
 mod scene;
+mod still;
 mod surface;
 mod text;
 mod view;

@@ -3,7 +3,6 @@
 use super::input::{Input, VolumeArgs};
 use super::{Cli, Command, Outcome, input};
 use crate::error::{Error, Result};
-use crate::geom::Up;
 use crate::scene::{Scene, TextureSize, nearest};
 use crate::volume::{Solid, field};
 use clap::parser::ValueSource;
@@ -116,7 +115,7 @@ impl SceneFile {
             all.extend(value.map(|value| (id, format!("{option}={value}"))));
         };
         add("solid", "--solid", scene.solid.map(|s| if s == Solid::Above { "above" } else { "below" }.into()));
-        add("up", "--up", scene.up.map(|up| up_name(up).into()));
+        add("up", "--up", scene.up.map(|up| up.name().into()));
         let isovalues: Vec<&str> = scene.isovalues.iter().map(|i| i.value.as_str()).collect();
         let isovalues = Some(isovalues.join(",")).filter(|list| !list.is_empty());
         let bake = &scene.bake;
@@ -172,16 +171,5 @@ fn texture(size: TextureSize) -> String {
     match size {
         TextureSize::Ratio(ratio) => ratio.to_string(),
         TextureSize::Texels([x, y, z]) => format!("{x}x{y}x{z}"),
-    }
-}
-
-fn up_name(up: Up) -> &'static str {
-    match up {
-        Up::X => "x",
-        Up::Y => "y",
-        Up::Z => "z",
-        Up::NegX => "-x",
-        Up::NegY => "-y",
-        Up::NegZ => "-z",
     }
 }
