@@ -12,6 +12,7 @@
 //! Volume ─surface::extract(c)→ Mesh ─positions─────────────────────┴→ relight → vertex colours ─export→ .glb .ply
 //!                                                                       (often, in milliseconds)
 //! Volume, light ─render→ preview picture ─export→ .png
+//! Bricks, Volume, probes ─view→ a page that does all of this on the GPU of a browser
 //! ```
 //! The transfer of a texel does not know the light: exitant radiance of the level set {h = c} at x, a Lambertian
 //! surface of albedo ρ, is Σ_k ρ^(k+1) ⟨T_k(x), L⟩ with one vector T_k for light that was reflected k times on
@@ -62,7 +63,7 @@
 //! | [`relight`] | the runtime: contraction, lookup, albedo, emission, exposure | rays, solvers, files |
 //! | [`render`] | camera rays for previews | solvers |
 //! | [`mod@compare`] | the store against paths on the same surface, the budget of its errors | files |
-//! | [`export`] | GLB, PLY, PNG, contact sheets, atomic files | volumes, SH, light |
+//! | [`export`] | GLB, PLY, PNG, VTI, NRRD, contact sheets, atomic files | volumes, SH, light |
 //! | [`view`] | the live page and its data, as bytes | solvers, sockets |
 //! | [`cli`] | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
 //!

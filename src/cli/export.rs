@@ -53,7 +53,9 @@ impl Export {
         let layout = store.layout();
         let MaterialRule::Constant(albedo) = self.material.rule(volume.value_range())? else {
             let expected = "one albedo for all isosurfaces";
-            return Err(Error::argument("--colormap", "a colour scale", expected, "leave it out, or use relight").into());
+            return Err(
+                Error::argument("--colormap", "a colour scale", expected, "leave it out, or use relight").into()
+            );
         };
         let material = Material::new(albedo, self.material.emission.map_or([0.0; 3], |e| e.0))?;
         let probe = open_probe(&self.env, self.light.keep_negative, self.light.layout)?;
@@ -72,17 +74,26 @@ impl Export {
             let texel = [i % mx, i / mx % my, i / mx / my];
             let at = layout.lattice.grid_from_texel(texel);
             let before = report;
-            let rgb = contracted.radiance_at(at.map(|v| v as f32), [0.0, 0.0, 1.0], &lighting.light, &material, &mut report);
+            let rgb =
+                contracted.radiance_at(at.map(|v| v as f32), [0.0, 0.0, 1.0], &lighting.light, &material, &mut report);
             let none = report.unoccluded > before.unoccluded;
             radiance.push(if none { [0.0; 3] } else { rgb });
             let has_level_set = is_valid(&views, layout.lattice, texel);
-            valid.push(if none { 0 } else if has_level_set { 1 } else { 2 });
+            valid.push(if none {
+                0
+            } else if has_level_set {
+                1
+            } else {
+                2
+            });
             values.push(value(&volume, at));
         }
         let lit: Vec<[f32; 3]> = radiance.iter().zip(&valid).filter(|(_, v)| **v == 1).map(|(r, _)| *r).collect();
         if lit.is_empty() {
             let remedy = "bake it first: isolume bake VOLUME -o X.isolume";
-            return Err(Error::argument("store", "no texel with a level set", "at least one that is baked", remedy).into());
+            return Err(
+                Error::argument("store", "no texel with a level set", "at least one that is baked", remedy).into()
+            );
         }
         let filled = valid.iter().filter(|v| **v == 2).count() as u64;
         let exposure = self.material.exposure.factor(&lit);
@@ -153,7 +164,7 @@ fn write(path: &Path, format: Format, field: &RadianceField<'_>) -> Outcome {
         Format::Raw => {
             atomic::write(path, |w| write_raw(w, field))?;
             let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-            atomic::write(&path.with_extension("nhdr"), |w| write_raw_header(w, field, &name))?;
+            atomic::write(path.with_extension("nhdr"), |w| write_raw_header(w, field, &name))?;
         }
     }
     Ok(())

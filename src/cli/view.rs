@@ -86,7 +86,11 @@ impl View {
         let layout = store.layout();
         let identity = store.identity();
         let triple = |[x, y, z]: [usize; 3]| format!("{x} × {y} × {z}");
-        let rays = if held.rays[0] == held.rays[1] { held.rays[0].to_string() } else { format!("{} to {}", held.rays[0], held.rays[1]) };
+        let rays = if held.rays[0] == held.rays[1] {
+            held.rays[0].to_string()
+        } else {
+            format!("{} to {}", held.rays[0], held.rays[1])
+        };
         let about = [
             ("volume", format!("{}, {} samples", volume.name, triple(volume.dims()))),
             ("solid", format!("{} the isovalue", identity.solid)),
@@ -203,7 +207,8 @@ fn decode(bytes: &[u8]) -> Result<(String, Vec<[f32; 3]>), String> {
 
 fn typed<'a>(bytes: &'a [u8], kind: &str) -> Response<&'a [u8]> {
     let headers = vec![field("Content-Type", kind), field("Cache-Control", "no-store")];
-    Response::new(200.into(), headers, bytes, Some(bytes.len()), None)
+    // With its length, so that a browser can say how far it is.
+    Response::new(200.into(), headers, bytes, Some(bytes.len()), None).with_chunked_threshold(usize::MAX)
 }
 
 fn field(name: &str, value: &str) -> Header {
@@ -214,7 +219,13 @@ fn field(name: &str, value: &str) -> Header {
 
 /// Asks the system for its browser; where there is none, the address on the terminal has to do.
 fn open_browser(address: &str, console: &Console) {
-    let program = if cfg!(target_os = "macos") { "open" } else if cfg!(windows) { "explorer" } else { "xdg-open" };
+    let program = if cfg!(target_os = "macos") {
+        "open"
+    } else if cfg!(windows) {
+        "explorer"
+    } else {
+        "xdg-open"
+    };
     if let Err(error) = std::process::Command::new(program).arg(address).spawn() {
         console.note(format!("{program} did not start ({error}): open the address by hand"));
     }

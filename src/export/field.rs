@@ -72,10 +72,18 @@ pub fn write_vti(w: &mut (impl Write + ?Sized), field: &RadianceField<'_>) -> Re
     // Rows of the matrix whose columns are the axes.
     let direction: Vec<f64> = (0..3).flat_map(|row| unit.map(|axis| axis[row])).collect();
     let count = field.values.len();
-    let arrays = [("radiance", "Float32", 3, 12), ("colour", "UInt8", 3, 3), ("value", "Float32", 1, 4), ("valid", "UInt8", 1, 1)];
+    let arrays = [
+        ("radiance", "Float32", 3, 12),
+        ("colour", "UInt8", 3, 3),
+        ("value", "Float32", 1, 4),
+        ("valid", "UInt8", 1, 1),
+    ];
     let mut text = String::from("<?xml version=\"1.0\"?>\n");
     let _ = writeln!(text, "<!-- {} -->", field.provenance.to_string().replace("--", "- -"));
-    let _ = writeln!(text, "<VTKFile type=\"ImageData\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">");
+    let _ = writeln!(
+        text,
+        "<VTKFile type=\"ImageData\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">"
+    );
     let _ = writeln!(
         text,
         "<ImageData WholeExtent=\"{extent}\" Origin=\"{}\" Spacing=\"{}\" Direction=\"{}\">",
@@ -149,7 +157,8 @@ fn nrrd_header(field: &RadianceField<'_>, components: usize, kind: &str, data_fi
     let [x, y, z] = field.dims;
     let mut text = String::from("NRRD0005\n");
     let _ = writeln!(text, "# {}", field.provenance);
-    let _ = writeln!(text, "type: float\ndimension: 4\nspace: right-anterior-superior\nsizes: {components} {x} {y} {z}");
+    let _ =
+        writeln!(text, "type: float\ndimension: 4\nspace: right-anterior-superior\nsizes: {components} {x} {y} {z}");
     let steps = [field.steps.x_axis, field.steps.y_axis, field.steps.z_axis].map(vector).join(" ");
     let _ = writeln!(text, "space directions: none {steps}\nspace origin: {}", vector(field.origin));
     let _ = writeln!(text, "kinds: {kind} domain domain domain\nendian: little\nencoding: raw");
@@ -187,14 +196,14 @@ mod tests {
             exposure: 0.5,
             provenance: &provenance,
         };
-        let vti = written(&good, |w, f| write_vti(w, f));
+        let vti = written(&good, write_vti);
         let start = vti.windows(2).position(|p| p == b"\n_").unwrap() + 2;
         // `value` comes after 8 + 96 bytes of radiance and 8 + 24 of colour.
         assert_eq!(vti[start + 136..start + 144], 32u64.to_le_bytes());
         assert_eq!(vti[start + 144..start + 148], 0.25f32.to_le_bytes());
-        let raw = written(&good, |w, f| write_raw(w, f));
+        let raw = written(&good, write_raw);
         assert_eq!(bytemuck::pod_collect_to_vec::<u8, f32>(&raw)[..8], [0.5, 2.0, 0.0, 1.0, 0.5, 2.0, 0.0, 0.0]);
-        assert!(written(&good, |w, f| write_nrrd(w, f)).ends_with(&[radiance[7][2].to_le_bytes()].concat()));
+        assert!(written(&good, write_nrrd).ends_with(&[radiance[7][2].to_le_bytes()].concat()));
         let sheared = RadianceField { steps: DMat3::from_cols(DVec3::X, DVec3::ONE, DVec3::Z), ..good };
         assert!(write_vti(&mut Vec::new(), &sheared).unwrap_err().to_string().contains(".nrrd"));
         assert!(write_nrrd(&mut Vec::new(), &RadianceField { values: &[0.0; 7], ..good }).is_err());

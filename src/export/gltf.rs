@@ -255,12 +255,7 @@ impl Layout {
     }
 }
 
-fn write_view(
-    w: &mut (impl Write + ?Sized),
-    mesh: &ExportMesh<'_>,
-    scalars: &[Scalars],
-    view: &View,
-) -> Result<()> {
+fn write_view(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, scalars: &[Scalars], view: &View) -> Result<()> {
     let vertices = mesh.positions.len();
     let centre = mesh.centre_in_world();
     let triangles = mesh.triangles;

@@ -108,7 +108,12 @@ pub fn pack(subject: &Subject<'_>, options: &Options) -> Result<Package> {
     let layers = &layout.layers;
     if volume.dims().contains(&1) {
         let found = format!("{:?} samples", volume.dims());
-        return Err(Error::argument("volume", found, "2 or more along each axis", "a flat volume has no surface to show"));
+        return Err(Error::argument(
+            "volume",
+            found,
+            "2 or more along each axis",
+            "a flat volume has no surface to show",
+        ));
     }
     if layers.coefficients() > MOST_COEFFICIENTS {
         return Err(Error::Limit {
@@ -119,12 +124,12 @@ pub fn pack(subject: &Subject<'_>, options: &Options) -> Result<Package> {
         });
     }
     let lattice = Lattice::from_texels(layout.lattice.grid(), reduced(layout.lattice.texels(), options.texture_side))?;
-    let texels = Texels::open(subject.source)?;
+    let texels = Texels::gather(subject.source)?;
     let mut payload = Payload { bytes: Vec::new(), sections: Map::new() };
 
-    let volume_texture = samples::texture(volume, reduced(volume.dims(), options.volume_side));
-    payload.push("samples", volume_texture.numbers.bytes());
-    payload.push("ranges", samples::ranges(&volume_texture).bytes());
+    let volume_texture = samples::volume_texture(volume, reduced(volume.dims(), options.volume_side));
+    payload.push("samples", volume_texture.numbers.little_endian());
+    payload.push("ranges", samples::ranges(&volume_texture).little_endian());
 
     let (numbers, scales) = push_transfer(&mut payload, &texels, lattice, layers, options.coding);
     if numbers.is_empty() {
@@ -132,7 +137,7 @@ pub fn pack(subject: &Subject<'_>, options: &Options) -> Result<Package> {
         return Err(Error::argument("store", "no texel with a level set", "at least one that is baked", remedy));
     }
     let positions: Vec<[f32; 3]> = numbers.iter().map(|&n| position(lattice, n)).collect();
-    push_errors(&mut payload, subject, &texels, &positions)?;
+    let constant_error = push_errors(&mut payload, subject, &texels, &positions)?;
     let probes = push_probes(&mut payload, subject, &texels)?;
 
     let valid_texels = numbers.len() as u64;
@@ -144,14 +149,14 @@ pub fn pack(subject: &Subject<'_>, options: &Options) -> Result<Package> {
         "volume": {
             "grid": volume.dims(),
             "samples": volume_texture.dims,
-            "coding": volume_texture.numbers.name(),
+            "coding": volume_texture.numbers.coding_name(),
             // raw = scale·t + offset, value = slope·raw + inter.
             "scale": volume_texture.scale, "offset": volume_texture.offset,
             "slope": volume.slope(), "inter": volume.inter(),
             "sign": volume.solid_sign(),
             "range": [volume.value_range().0, volume.value_range().1],
-            "quantiles": samples::quantiles(volume, QUANTILES),
-            "block": BLOCK, "blocks": samples::blocks(volume_texture.dims),
+            "quantiles": samples::value_quantiles(volume, QUANTILES),
+            "block": BLOCK, "blocks": samples::block_counts(volume_texture.dims),
             "world_from_grid": affine(volume),
             "unit": match volume.unit { LengthUnit::Unknown => Value::Null, LengthUnit::Metres(m) => json!(m) },
             "up": volume.up.name(),
@@ -167,16 +172,10 @@ pub fn pack(subject: &Subject<'_>, options: &Options) -> Result<Package> {
         "isovalues": subject.isovalues,
         "world_from_upright": world_from_upright(volume, layers.max_bands())?,
         "probes": probes,
-        "albedo": ALBEDO,
+        "albedo": ALBEDO, "constant_error": constant_error,
         "colormaps": colormaps()?,
     });
-    Ok(Package {
-        header,
-        payload: payload.bytes,
-        valid_texels,
-        texels: lattice.texels(),
-        samples: volume_texture.dims,
-    })
+    Ok(Package { header, payload: payload.bytes, valid_texels, texels: lattice.texels(), samples: volume_texture.dims })
 }
 
 fn position(lattice: Lattice, number: usize) -> [f32; 3] {
@@ -187,7 +186,10 @@ fn position(lattice: Lattice, number: usize) -> [f32; 3] {
 /// Row-major 3×4.
 fn affine(volume: &Volume) -> [f64; 12] {
     let (m, o) = (volume.world_from_grid().linear(), volume.world_from_grid().offset());
-    [m.x_axis.x, m.y_axis.x, m.z_axis.x, o.x, m.x_axis.y, m.y_axis.y, m.z_axis.y, o.y, m.x_axis.z, m.y_axis.z, m.z_axis.z, o.z]
+    [
+        m.x_axis.x, m.y_axis.x, m.z_axis.x, o.x, m.x_axis.y, m.y_axis.y, m.z_axis.y, o.y, m.x_axis.z, m.y_axis.z,
+        m.z_axis.z, o.z,
+    ]
 }
 
 /// Pushes `valid` and `transfer`; gives the numbers of the valid texels in the lattice, and the scales.
@@ -201,7 +203,7 @@ fn push_transfer(
     let n = layers.coefficients();
     let mut largest = vec![0.0f32; n];
     let mut numbers = Vec::new();
-    texels.for_each(lattice, &mut |number, transfer| {
+    texels.visit_valid(lattice, &mut |number, transfer| {
         numbers.push(number);
         largest.iter_mut().zip(transfer).for_each(|(l, t)| *l = l.max(t.abs()));
     });
@@ -218,7 +220,7 @@ fn push_transfer(
     match coding {
         Coding::Half => {
             let mut planes = vec![f16::ZERO; n * count];
-            texels.for_each(lattice, &mut |_, transfer| {
+            texels.visit_valid(lattice, &mut |_, transfer| {
                 transfer.iter().enumerate().for_each(|(i, &t)| planes[i * count + next] = f16::from_f32(t));
                 next += 1;
             });
@@ -226,7 +228,7 @@ fn push_transfer(
         }
         Coding::Byte => {
             let mut planes = vec![0i8; n * count];
-            texels.for_each(lattice, &mut |_, transfer| {
+            texels.visit_valid(lattice, &mut |_, transfer| {
                 for (i, &t) in transfer.iter().enumerate() {
                     let scaled = if scales[i] > 0.0 { t / scales[i] * 127.0 } else { 0.0 };
                     planes[i * count + next] = scaled.round() as i8;
@@ -239,8 +241,14 @@ fn push_transfer(
     (numbers, scales)
 }
 
-/// Relative standard error of each valid texel under constant light.
-fn push_errors(payload: &mut Payload, subject: &Subject<'_>, texels: &Texels<'_>, positions: &[[f32; 3]]) -> Result<()> {
+/// Pushes the relative standard error of each valid texel under constant light; gives their root mean square over the
+/// mean radiance.
+fn push_errors(
+    payload: &mut Payload,
+    subject: &Subject<'_>,
+    texels: &Texels<'_>,
+    positions: &[[f32; 3]],
+) -> Result<f64> {
     let (light, material) = (Light::constant([1.0; 3]), Material::new([ALBEDO; 3], [0.0; 3])?);
     let contracted = contract(subject.source, &texels.baked_bricks(), &light, &material)?;
     let normals = vec![[0.0, 0.0, 1.0]; positions.len()];
@@ -252,7 +260,7 @@ fn push_errors(payload: &mut Payload, subject: &Subject<'_>, texels: &Texels<'_>
     };
     let codes: Vec<u8> = lit.radiance.iter().zip(&errors).map(code).collect();
     payload.push("error", &codes);
-    Ok(())
+    Ok(contracted.noise.relative())
 }
 
 fn push_probes(payload: &mut Payload, subject: &Subject<'_>, texels: &Texels<'_>) -> Result<Vec<Value>> {

@@ -22,14 +22,14 @@ pub(super) enum Numbers {
 }
 
 impl Numbers {
-    pub(super) fn bytes(&self) -> &[u8] {
+    pub(super) fn little_endian(&self) -> &[u8] {
         match self {
             Self::Byte(v) => v,
             Self::Half(v) => bytemuck::cast_slice(v),
         }
     }
 
-    pub(super) fn name(&self) -> &'static str {
+    pub(super) fn coding_name(&self) -> &'static str {
         match self {
             Self::Byte(_) => "byte",
             Self::Half(_) => "half",
@@ -39,7 +39,7 @@ impl Numbers {
 
 /// The samples on a grid of `dims`, which is that of the volume or coarser (mean under a tent). 8-bit volumes stay
 /// 8-bit; others become 16-bit floats relative to the largest magnitude.
-pub(super) fn texture(volume: &Volume, dims: [usize; 3]) -> SampleTexture {
+pub(super) fn volume_texture(volume: &Volume, dims: [usize; 3]) -> SampleTexture {
     let samples = volume.samples();
     let (low, high) = volume.raw_range();
     match samples {
@@ -88,7 +88,7 @@ fn resample<T>(volume: &Volume, dims: [usize; 3], number: impl Fn(f32) -> T) -> 
 }
 
 /// Blocks along each axis.
-pub(super) fn blocks(dims: [usize; 3]) -> [usize; 3] {
+pub(super) fn block_counts(dims: [usize; 3]) -> [usize; 3] {
     dims.map(|n| (n - 1).div_ceil(BLOCK).max(1))
 }
 
@@ -101,7 +101,7 @@ pub(super) fn ranges(texture: &SampleTexture) -> Numbers {
 }
 
 fn block_ranges<T: Copy + PartialOrd>(dims: [usize; 3], numbers: &[T]) -> Vec<T> {
-    let count = blocks(dims);
+    let count = block_counts(dims);
     let mut out = Vec::with_capacity(2 * count.iter().product::<usize>());
     for b in 0..count.iter().product::<usize>() {
         let block = [b % count[0], b / count[0] % count[1], b / count[0] / count[1]];
@@ -122,11 +122,11 @@ fn block_ranges<T: Copy + PartialOrd>(dims: [usize; 3], numbers: &[T]) -> Vec<T>
     out
 }
 
-/// Most samples that [`quantiles`] looks at.
+/// Most samples that [`value_quantiles`] looks at.
 const MOST_SAMPLES: usize = 1 << 20;
 
 /// `count` + 1 quantiles of the values, evenly spread from the smallest to the largest.
-pub(super) fn quantiles(volume: &Volume, count: usize) -> Vec<f64> {
+pub(super) fn value_quantiles(volume: &Volume, count: usize) -> Vec<f64> {
     let samples = volume.samples();
     let stride = samples.len().div_ceil(MOST_SAMPLES).max(1);
     // An odd stride does not lock onto an even row length.

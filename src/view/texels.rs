@@ -16,7 +16,7 @@ pub(super) struct Texels<'a> {
 /// Which texels of an axis a coarser texel takes, and how much of each.
 type Taps = Vec<Vec<(usize, f32)>>;
 
-/// The tent of [`Texels::for_each`] along one axis: as wide as a step of the target, at least one of the source.
+/// The tent of [`Texels::visit_valid`] along one axis: as wide as a step of the target, at least one of the source.
 pub(super) fn taps(source: usize, target: usize) -> Taps {
     let step = if target < 2 { 0.0 } else { (source - 1) as f64 / (target - 1) as f64 };
     let radius = step.max(1.0);
@@ -42,7 +42,7 @@ pub(super) fn reduced(dims: [usize; 3], side: usize) -> [usize; 3] {
 }
 
 impl<'a> Texels<'a> {
-    pub(super) fn open(source: &'a dyn BrickSource) -> Result<Self> {
+    pub(super) fn gather(source: &'a dyn BrickSource) -> Result<Self> {
         let layout = source.layout();
         let [bx, by, bz] = layout.lattice.bricks();
         let index = |i: usize| [i % bx, i / bx % by, i / bx / by];
@@ -69,7 +69,7 @@ impl<'a> Texels<'a> {
     ///
     /// On the texture's own lattice these are the stored numbers; on a coarser one the mean over the valid texels
     /// around, weighted by a tent.
-    pub(super) fn for_each(&self, target: Lattice, visit: &mut dyn FnMut(usize, &[f32])) {
+    pub(super) fn visit_valid(&self, target: Lattice, visit: &mut dyn FnMut(usize, &[f32])) {
         let (from, to) = (self.layout.lattice.texels(), target.texels());
         let axes: [Taps; 3] = std::array::from_fn(|a| taps(from[a], to[a]));
         let n = self.layout.layers.coefficients();

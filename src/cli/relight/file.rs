@@ -173,7 +173,8 @@ impl Context<'_> {
             atomic::write(path, |w| ply::write(w, &mesh, &options))?;
         } else {
             let colour_format = if args.float_color { ColourFormat::F32 } else { ColourFormat::U16 };
-            let mut options = GltfOptions { colour_format, scale: args.scale, provenance: record, ..Default::default() };
+            let mut options =
+                GltfOptions { colour_format, scale: args.scale, provenance: record, ..Default::default() };
             if args.transfer {
                 let (layers, rotation) = (&self.store.layout().layers, self.command.light.env_rotate);
                 options.scalars = relightable::attributes(self.store, &surface.mesh)?;

@@ -224,7 +224,9 @@ fn all_targets(
 ) -> Outcome<Vec<Vec<Target>>> {
     let mut all: Vec<Vec<Target>> = vec![Vec::new(); isovalues.len() * environments.len()];
     for output in &command.output {
-        for (slot, target) in all.iter_mut().zip(targets(&command.picture.pattern(output)?, &volume.name, isovalues, environments)?) {
+        for (slot, target) in
+            all.iter_mut().zip(targets(&command.picture.pattern(output)?, &volume.name, isovalues, environments)?)
+        {
             slot.push(target);
         }
     }

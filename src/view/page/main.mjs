@@ -55,7 +55,7 @@ function albedoNow() {
   const t = Math.min(1, Math.max(0, (state.isovalue - low) / (high - low || 1)));
   const at = 6 * Math.round(t * 255);
   const linear = (byte) => (byte <= 10 ? byte / 255 / 12.92 : ((byte / 255 + 0.055) / 1.055) ** 2.4);
-  return [0, 2, 4].map((o) => state.albedo * linear(parseInt(header.colormaps[state.colour].substr(at + o, 2), 16)));
+  return [0, 2, 4].map((o) => state.albedo * linear(parseInt(header.colormaps[state.colour].slice(at + o, at + o + 2), 16)));
 }
 
 /** Coefficients of the light in world, red, green, blue side by side. */
@@ -254,9 +254,9 @@ function showState() {
   const step = (header.volume.range[1] - header.volume.range[0]) * 1e-3;
   $("heldNote").hidden = held === null || held.some((v) => Math.abs(v - state.isovalue) <= step);
   if (held) $("heldNote").textContent = `Baked for ${held.map((v) => short(v)).join(", ")} only: elsewhere light is partly without shadows.`;
-  $("errorNote").textContent = probe.relativeError === null
-    ? `Error of the bake under constant light: see the view “Error of the bake”.`
-    : `Standard error of the bake under ${probe.name} at albedo ${short(header.albedo, 2)}: ${percent(probe.relativeError)} of the mean radiance (RMS over all texels).`;
+  const [light, error] = probe.relativeError === null ? ["constant light", header.constant_error] : [probe.name, probe.relativeError];
+  $("errorNote").textContent = `Standard error of the bake under ${light} at albedo ${short(header.albedo, 2)}: ` +
+    `${percent(error)} of the mean radiance (RMS over all texels).`;
   $("legend").textContent = VIEWS[state.mode][1];
   $("legend").hidden = VIEWS[state.mode][1] === "";
   $("canvas").setAttribute("aria-label", `${header.name}: ${$("shown").textContent}`);
