@@ -7,7 +7,7 @@
 // Screenshots go to target/browser/. Exit code 0: everything holds; 1: something does not, and says what.
 
 import { execFileSync, spawn } from "node:child_process";
-import { readFileSync, statSync } from "node:fs";
+import { existsSync, readFileSync, statSync } from "node:fs";
 import { basename, join } from "node:path";
 import { pathToFileURL } from "node:url";
 import { check, dropFile, finish, launch, out, root } from "./common.mjs";
@@ -104,7 +104,8 @@ async function open(address, viewport = { width: 1100, height: 720 }) {
   page.requests = [];
   page.on("request", (r) => { if (!/^(data|blob):/.test(r.url())) page.requests.push(r.url()); });
   page.on("pageerror", (e) => check(false, `no error in the page: ${e.message}`));
-  page.on("console", (m) => { if (m.type() === "error") check(false, `no error on the console: ${m.text()}`); });
+  // 415 is the program's answer to a file that is no environment.
+  page.on("console", (m) => { if (m.type() === "error" && !/status of 415/.test(m.text())) check(false, `no error on the console: ${m.text()}`); });
   await page.goto(address);
   await page.waitForFunction(() => window.isolume || !document.getElementById("message").hidden, null, { timeout: 180000 });
   return page;
@@ -151,6 +152,10 @@ for (const store of stores) {
   const dropped = await page.evaluate(() => window.isolume.state.environment);
   await compare("dropped", { ...common, isovalue: first, rotation: 30, env: DROPPED }, { ...common, isovalue: first, rotation: 30, environment: dropped });
 
+  if (store === stores[0]) await underTheHand(page);
+
+  await page.evaluate(() => window.isolume.draw());
+
   // Everything so far was light and view: no request, no texel through the CPU.
   const now = await counters(page);
   check(now.requests === loaded.requests && page.requests.length === requested,
@@ -176,10 +181,13 @@ for (const store of stores) {
   });
   check(error < 1e-4, `its coefficients are the program's, within ${error.toExponential(1)} of the first`);
 
+  if (store === stores[0]) await otherFiles(page);
+
   await page.evaluate(() => { window.isolume.update({ fixedSize: null, autoExposure: true, background: "theme", zoom: 1.25 }); window.isolume.draw(); });
   const speed = await page.evaluate(() => window.isolume.measure());
   console.log(`     ${speed.fetchesPerPixel.toFixed(1)} texture fetches a pixel (${speed.fetchesPerCoveredPixel.toFixed(1)} on the surface), ` +
-    `${(speed.fetchesPerFrame / 1e6).toFixed(2)} million a frame of ${speed.pixels.join(" x ")}; ${speed.milliseconds.toFixed(0)} ms in ${speed.renderer}`);
+    `${(speed.fetchesPerFrame / 1e6).toFixed(2)} million a frame of ${speed.pixels.join(" x ")}; ${speed.milliseconds.toFixed(0)} ms, ` +
+    `${speed.contraction.toFixed(0)} ms to change the light, in ${speed.renderer}`);
   for (const light of [false, true]) {
     await page.evaluate((light) => { window.isolume.setTheme(light); window.isolume.draw(); }, light);
     await page.screenshot({ path: join(out, `${name}-${light ? "light" : "dark"}.png`) });
@@ -198,6 +206,55 @@ for (const store of stores) {
   check(found.mean <= MOST_DIFFERENCE, `one file: mean difference ${found.mean.toFixed(3)} of 255 to the program's picture of the whole store`);
   await alone.screenshot({ path: join(out, `${name}-alone.png`) });
   await alone.close();
+}
+
+/** Drag, drag with Shift, wheel. */
+async function underTheHand(page) {
+  const box = await page.locator("#canvas").boundingBox();
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  const state = () => page.evaluate(() => ({ ...window.isolume.state }));
+  const drag = async () => {
+    await page.mouse.move(x, y);
+    await page.mouse.down();
+    await page.mouse.move(x + 40, y + 10, { steps: 2 });
+    await page.mouse.up();
+  };
+  const before = await state();
+  await drag();
+  const turned = await state();
+  await page.keyboard.down("Shift");
+  await drag();
+  await page.keyboard.up("Shift");
+  const lit = await state();
+  await page.mouse.wheel(0, -200);
+  await page.waitForFunction((zoom) => window.isolume.state.zoom > zoom, lit.zoom);
+  check(turned.azimuth !== before.azimuth && turned.elevation !== before.elevation && turned.rotation === before.rotation, "a drag turns the view");
+  check(lit.rotation !== turned.rotation && lit.azimuth === turned.azimuth, "a drag with Shift turns the light; the wheel zooms");
+}
+
+/** Environments of other kinds, if there are any beside the repository, and a file that is none. */
+async function otherFiles(page) {
+  await drop(page, join(root, "README.md"));
+  const text = await page.textContent("#message");
+  check(text.startsWith("README.md: "), `a file that is no environment is refused: ${text.slice(0, 90)}`);
+  await page.evaluate(() => { document.getElementById("message").hidden = true; });
+  const folder = join(process.env.ISOLUME_DATA || join(root, "../shared/data"), "probes");
+  for (const [name, requests] of [["courtyard_256x128_none.exr", 0], ["courtyard_256x128_piz_half.exr", 1]]) {
+    if (!existsSync(join(folder, name))) {
+      console.log(`     skipped: no ${name} in ${folder}`);
+      continue;
+    }
+    const before = await counters(page);
+    await drop(page, join(folder, name));
+    const error = await page.evaluate(() => {
+      const { isolume } = window;
+      const expected = isolume.header.probes.find((p) => p.name === "courtyard").coefficients;
+      const given = isolume.coefficientsInWorld();
+      return Math.abs(given[0] - isolume.coefficientsInWorld({ coefficients: Float64Array.from(expected) })[0]) / Math.abs(given[0]);
+    });
+    const asked = (await counters(page)).requests - before.requests;
+    check(asked === requests && error < 0.01, `${name}: ${asked ? "read by the program" : "read in the page"}, mean light within ${error.toExponential(1)} of the embedded courtyard`);
+  }
 }
 
 /** Names, keyboard and contrast. */

@@ -10,7 +10,7 @@ export const counters = { requests: 0, texelsTouched: 0, coefficientUpdates: 0, 
 export async function request(address, options) {
   counters.requests++;
   const answer = await fetch(address, options);
-  if (!answer.ok) throw new Error(`${address}: ${answer.status} ${(await answer.text()).trim()}`);
+  if (!answer.ok) throw new Error((await answer.text()).trim() || `${address}: ${answer.status}`);
   return answer;
 }
 
