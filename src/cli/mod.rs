@@ -25,6 +25,7 @@ mod demo;
 mod doctor;
 mod env;
 mod export;
+mod forecast;
 mod info;
 mod input;
 mod isovalue;
@@ -39,6 +40,7 @@ mod relightable;
 mod replay;
 mod scene;
 mod still;
+mod study;
 mod surface;
 mod text;
 mod view;
@@ -87,6 +89,7 @@ enum Command {
     Bake(Box<bake::Bake>),
     Merge(merge::Merge),
     Compare(compare::Compare),
+    Study(study::Study),
     Relight(Box<relight::Relight>),
     View(view::View),
     Export(Box<export::Export>),
@@ -158,6 +161,7 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         Command::Bake(command) => command.run(seed, console),
         Command::Merge(command) => command.run(console),
         Command::Compare(command) => command.run(seed, console),
+        Command::Study(command) => command.run(seed, console),
         Command::Relight(command) => command.run(seed, console),
         Command::View(command) => command.run(console),
         Command::Export(command) => command.run(console),

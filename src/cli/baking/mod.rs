@@ -4,7 +4,7 @@ mod goal;
 mod report;
 mod todo;
 
-pub(super) use goal::{ForLight, Goal, parse_time};
+pub(super) use goal::{ForLight, Goal, parse_time, spread};
 
 use super::console::{Console, interrupts};
 use super::scene::SceneFile;
@@ -15,7 +15,7 @@ use crate::relight::texels_of_isosurface;
 use crate::scene;
 use crate::scene::Effects;
 use crate::transfer::store::{ChunkExtent, Identity, Store};
-use crate::transfer::{Brick, Layout, Selection};
+use crate::transfer::{Brick, Lattice, Layout, Selection};
 use crate::transport::{Bake, Bias, GatherSettings, Progress, Settings, Summary, Target, bake, gather, pilot};
 use crate::volume::{Shadowing, Volume};
 use serde_json::{Value, json};
@@ -171,7 +171,11 @@ impl Job<'_> {
 
     /// The texels that the isovalues asked for need.
     pub(super) fn selection(&self) -> Selection {
-        let lattice = self.layout.lattice;
+        self.selection_on(self.layout.lattice)
+    }
+
+    /// The texels that a texture of another lattice would need.
+    pub(super) fn selection_on(&self, lattice: Lattice) -> Selection {
         let Some(list) = &self.isovalues else { return Selection::of_all_isosurfaces(lattice, self.volume) };
         let mut selection = Selection::empty(lattice);
         for &c in list {
