@@ -12,6 +12,7 @@
 //! Volume ─surface::extract(c)→ Mesh ─positions─────────────────────┴→ relight → vertex colours ─export→ .glb .ply
 //!                                                                       (often, in milliseconds)
 //! Volume, light ─render→ preview picture ─export→ .png
+//! Bricks, Volume, probes ─view→ a page that does all of this on the GPU of a browser
 //! ```
 //! The transfer of a texel does not know the light: exitant radiance of the level set {h = c} at x, a Lambertian
 //! surface of albedo ρ, is Σ_k ρ^(k+1) ⟨T_k(x), L⟩ with one vector T_k for light that was reflected k times on
@@ -63,7 +64,8 @@
 //! | [`render`] | camera rays for previews, what pixels see | solvers |
 //! | [`mod@compare`] | the store against paths and photons on the same surface, the budget of its errors | files |
 //! | [`study`] | what accuracy costs: settings against one reference, the front, the figure | files, the clock |
-//! | [`export`] | GLB, PLY, PNG, contact sheets, atomic files | volumes, SH, light |
+//! | [`export`] | GLB, PLY, PNG, VTI, NRRD, contact sheets, atomic files | volumes, SH, light |
+//! | [`view`] | the live page and its data, as bytes | solvers, sockets |
 //! | [`cli`] | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
 //!
 //! # Habits that bind
@@ -94,6 +96,7 @@ pub mod render;
 pub mod compare;
 pub mod study;
 pub mod export;
+pub mod view;
 pub mod cli;
 
 pub use error::{Error, Result};

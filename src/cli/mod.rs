@@ -24,6 +24,7 @@ mod console;
 mod demo;
 mod doctor;
 mod env;
+mod export;
 mod forecast;
 mod info;
 mod input;
@@ -35,11 +36,14 @@ mod output;
 mod picture;
 mod plan;
 mod relight;
+mod relightable;
 mod replay;
 mod scene;
+mod still;
 mod study;
 mod surface;
 mod text;
+mod view;
 
 #[cfg(test)]
 mod tests;
@@ -87,6 +91,8 @@ enum Command {
     Compare(compare::Compare),
     Study(study::Study),
     Relight(Box<relight::Relight>),
+    View(view::View),
+    Export(Box<export::Export>),
     Env(env::Env),
 }
 
@@ -157,6 +163,8 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         Command::Compare(command) => command.run(seed, console),
         Command::Study(command) => command.run(seed, console),
         Command::Relight(command) => command.run(seed, console),
+        Command::View(command) => command.run(console),
+        Command::Export(command) => command.run(console),
         Command::Env(command) => command.run(console),
     }
 }

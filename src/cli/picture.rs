@@ -1,11 +1,15 @@
-//! Preview pictures as options, and from radiance to an image.
+//! Pictures as options.
 
+use super::surface::Surface;
 use super::text;
 use crate::error::{Error, Result};
-use crate::export::Image;
-use crate::relight::Exposure;
-use crate::render::{Picture, Projection, View};
+use crate::geom::Up;
+use crate::render::{Camera, Projection, View};
 use crate::scene::srgb;
+use crate::volume::Volume;
+use clap::ValueEnum;
+use glam::{DMat3, DVec3};
+use std::path::{Path, PathBuf};
 
 /// How a preview looks.
 #[derive(clap::Args, Clone, Debug)]
@@ -19,9 +23,88 @@ pub(super) struct PictureArgs {
     /// Size of the picture
     #[arg(long, default_value = "960x720", value_name = "WxH", value_parser = parse_size)]
     pub(super) size: (usize, usize),
-    /// Behind the surface: white, black, transparent or #rrggbb (sRGB)
+    /// Behind the surface: white, black, transparent, environment, or #rrggbb (sRGB)
     #[arg(long, default_value = "#2c3036", value_name = "COLOUR", value_parser = parse_background)]
-    pub(super) background: [f32; 4],
+    pub(super) background: Background,
+    /// What the camera has in view: the surface, or the whole box of the volume, so that pictures of several isovalues
+    /// stay in register
+    #[arg(long, value_enum, default_value = "surface")]
+    pub(super) frame: Frame,
+    /// Rays along each side of a pixel
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=16))]
+    pub(super) supersampling: u8,
+    /// From exposed radiance to colour: cut at white, or bent towards it
+    #[arg(long, value_enum, default_value = "none")]
+    pub(super) tone: Tone,
+    /// Draw a bar of a round length
+    #[arg(long)]
+    pub(super) scale_bar: bool,
+    /// Write N pictures of a full turn: -o DIR/ or a name with {frame}
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    pub(super) turntable: Option<u32>,
+    /// What a turntable turns
+    #[arg(long, value_enum, default_value = "view")]
+    pub(super) turn: Turn,
+}
+
+/// What is behind the surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Background {
+    /// Linear, with alpha.
+    Colour([f32; 4]),
+    Environment,
+}
+
+impl Background {
+    /// Whether something of it lets through.
+    pub(super) fn is_transparent(self) -> bool {
+        matches!(self, Self::Colour([.., alpha]) if alpha < 1.0)
+    }
+}
+
+/// A tone curve.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Tone {
+    /// Linear up to white
+    None,
+    /// Reinhard and others 2002, equation 4, by luminance; four times white becomes white
+    Reinhard,
+    /// Narkowicz's fit of the ACES curve (2016), by channel
+    Filmic,
+}
+
+impl Tone {
+    /// Linear colour in [0, 1] of exposed radiance.
+    pub(super) fn apply(self, exposed: [f32; 3]) -> [f32; 3] {
+        let exposed = exposed.map(|v| v.max(0.0));
+        match self {
+            Self::None => exposed.map(|v| v.min(1.0)),
+            Self::Reinhard => {
+                let [r, g, b] = exposed;
+                let luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+                let factor = (1.0 + luminance / 16.0) / (1.0 + luminance);
+                exposed.map(|v| (v * factor).min(1.0))
+            }
+            Self::Filmic => exposed.map(|v| {
+                let x = 0.6 * v;
+                ((x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)).clamp(0.0, 1.0)
+            }),
+        }
+    }
+}
+
+/// What a turntable turns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Turn {
+    View,
+    Light,
+}
+
+/// What the camera has in view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Frame {
+    Surface,
+    Box,
 }
 
 const VIEWS: [&str; 7] = ["front", "back", "left", "right", "top", "bottom", "iso"];
@@ -57,18 +140,20 @@ fn parse_size(text: &str) -> std::result::Result<(usize, usize), String> {
     }
 }
 
-/// A colour as linear RGB and alpha.
-fn parse_background(text: &str) -> std::result::Result<[f32; 4], String> {
+/// A colour as linear RGB and alpha, or the environment.
+fn parse_background(text: &str) -> std::result::Result<Background, String> {
     let hex = |i: usize| text.get(i..i + 2).and_then(|h| u8::from_str_radix(h, 16).ok()).map(srgb::linear_from_byte);
-    match text {
-        "white" => Ok([1.0; 4]),
-        "black" => Ok([0.0, 0.0, 0.0, 1.0]),
-        "transparent" => Ok([0.0; 4]),
+    let colour = match text {
+        "environment" => return Ok(Background::Environment),
+        "white" => [1.0; 4],
+        "black" => [0.0, 0.0, 0.0, 1.0],
+        "transparent" => [0.0; 4],
         _ => match (text.len(), text.starts_with('#'), hex(1), hex(3), hex(5)) {
-            (7, true, Some(r), Some(g), Some(b)) => Ok([r, g, b, 1.0]),
-            _ => Err("give white, black, transparent, or #rrggbb".into()),
+            (7, true, Some(r), Some(g), Some(b)) => [r, g, b, 1.0],
+            _ => return Err("give white, black, transparent, environment, or #rrggbb".into()),
         },
-    }
+    };
+    Ok(Background::Colour(colour))
 }
 
 impl PictureArgs {
@@ -76,22 +161,60 @@ impl PictureArgs {
     pub(super) fn projection(&self) -> Projection {
         self.perspective.map_or(Projection::Orthographic, Projection::Perspective)
     }
+
+    /// The camera asked for, at a view; on a turntable what is seen keeps its size.
+    pub(super) fn camera(&self, surface: &Surface, volume: &Volume, up: Up, view: View) -> Camera {
+        let aspect = self.size.0 as f64 / self.size.1 as f64;
+        let bounds = volume.world_bounds();
+        if self.turntable.is_some() {
+            // The box at all its turns: the same extent from every side.
+            let points = (0..8 * TURNS).map(|i| {
+                let corner = [0, 1, 2].map(|a| if i >> a & 1 == 0 { bounds.min[a] } else { bounds.max[a] });
+                let angle = std::f64::consts::TAU * (i / 8) as f64 / TURNS as f64;
+                let turn = DMat3::from_axis_angle(up.axis(), angle);
+                bounds.centre() + turn * (DVec3::from_array(corner) - bounds.centre())
+            });
+            return Camera::framing_points(points, up, view, self.projection(), aspect);
+        }
+        match self.frame {
+            Frame::Surface => surface.camera(volume, up, view, self.projection(), aspect),
+            Frame::Box => Camera::framing(&bounds, up, view, self.projection(), aspect),
+        }
+    }
+
+    /// Pictures to make.
+    pub(super) fn frames(&self) -> u32 {
+        self.turntable.unwrap_or(1)
+    }
+
+    /// The output as a pattern: for a turntable into a directory, names in it.
+    ///
+    /// # Errors
+    /// When the names of a turntable's pictures would be the same.
+    pub(super) fn pattern(&self, output: &Path) -> Result<PathBuf> {
+        let text = output.to_string_lossy();
+        if self.turntable.is_none() || text.contains(FRAME) {
+            return Ok(output.into());
+        }
+        if output.is_dir() || text.ends_with(['/', '\\']) {
+            return Ok(output.join(format!("{{isovalue}}-{{env}}-{FRAME}.png")));
+        }
+        let expected = format!("a directory, or {FRAME} in the name of a .png");
+        let remedy = "write for example -o turn/ or -o turn-{frame}.png";
+        Err(Error::argument("output", output.display(), expected, remedy))
+    }
+
+    /// The file of one picture.
+    pub(super) fn path_of_frame(&self, path: &Path, frame: u32) -> PathBuf {
+        let digits = (self.frames() - 1).to_string().len();
+        path.to_string_lossy().replace(FRAME, &format!("{frame:0digits$}")).into()
+    }
 }
 
-/// Exposes a picture and lays it over a background.
-pub(super) fn develop(picture: &Picture, factor: f32, background: [f32; 4]) -> Result<Image> {
-    let pixels = picture.pixels.iter().map(|&[r, g, b, coverage]| {
-        if coverage <= 0.0 {
-            return background;
-        }
-        let straight = [[r / coverage, g / coverage, b / coverage]];
-        let [colour] = Exposure::apply(factor, &straight)[..] else { return background };
-        let alpha = coverage + background[3] * (1.0 - coverage);
-        let mix = |c: usize| (colour[c] * coverage + background[c] * background[3] * (1.0 - coverage)) / alpha;
-        [mix(0), mix(1), mix(2), alpha]
-    });
-    Image::new(picture.width, picture.height, pixels.collect())
-}
+/// Stands for the number of a turntable's picture.
+const FRAME: &str = "{frame}";
+/// Turns of the box that a turntable's camera has in view.
+const TURNS: usize = 72;
 
 /// Refuses a picture that is too large for its memory.
 pub(super) fn check_size(size: (usize, usize), limit: Option<u64>) -> Result<()> {

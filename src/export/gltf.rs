@@ -6,6 +6,7 @@
 //! * `COLOR_0` is linear and within [0, 1] (the specification demands it of floats, too);
 //!   by default 16-bit normalised RGBA with alpha 1, whose 8 bytes keep the alignment of 4.
 //! * `_RADIANCE` (VEC3 float) and `_STDERR` (SCALAR or VEC3 float) carry what `COLOR_0` cannot.
+//! * [`Scalars`] carry what else belongs to the vertices, such as transfer coefficients.
 //! * `KHR_materials_unlit`: the light is in the colours. A viewer without it sees a rough,
 //!   non-metallic white that the colours modulate.
 //! * A surface without triangles is a file with a node and no mesh: accessors cannot be empty.
@@ -46,6 +47,19 @@ pub struct GltfOptions {
     pub copyright: Option<String>,
     /// How the file was made, for `asset.extras`; left out when null.
     pub provenance: Value,
+    /// More numbers to the vertices, one attribute each.
+    pub scalars: Vec<Scalars>,
+    /// What readers of [`GltfOptions::scalars`] need to know, for `extras` of the mesh; left out when null.
+    pub mesh_extras: Value,
+}
+
+/// A number to each vertex, as an attribute of its own.
+#[derive(Clone, Debug)]
+pub struct Scalars {
+    /// Name of the attribute without the underscore that begins it: capital letters, digits and underscores.
+    pub name: String,
+    /// One number a vertex, finite.
+    pub values: Vec<f32>,
 }
 
 impl Default for GltfOptions {
@@ -58,6 +72,8 @@ impl Default for GltfOptions {
             generator: concat!("isolume ", env!("CARGO_PKG_VERSION")).into(),
             copyright: None,
             provenance: Value::Null,
+            scalars: Vec::new(),
+            mesh_extras: Value::Null,
         }
     }
 }
@@ -90,6 +106,7 @@ const MOST_U16_VERTICES: usize = 65_535;
 /// [`Error::Io`] (path empty) from the stream.
 pub fn write(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, options: &GltfOptions) -> Result<()> {
     mesh.check()?;
+    check_scalars(mesh, &options.scalars)?;
     let layout = Layout::new(mesh, options);
     let mut text = document(mesh, options, &layout)?.into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
@@ -117,7 +134,24 @@ pub fn write(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, options: &Glt
     }
     w.write_all(&head).map_err(write_error)?;
     for view in &layout.views {
-        write_view(w, mesh, view)?;
+        write_view(w, mesh, &options.scalars, view)?;
+    }
+    Ok(())
+}
+
+fn check_scalars(mesh: &ExportMesh<'_>, scalars: &[Scalars]) -> Result<()> {
+    let count = mesh.positions.len();
+    for Scalars { name, values } in scalars {
+        let legal = !name.is_empty() && name.bytes().all(|b| b.is_ascii_uppercase() || b.is_ascii_digit() || b == b'_');
+        let finite = values.iter().all(|v| v.is_finite());
+        if !(legal && finite && values.len() == count) {
+            return Err(Error::argument(
+                format!("mesh attribute _{name}"),
+                format!("{} numbers{}", values.len(), if finite { "" } else { ", not all finite" }),
+                format!("{count} finite numbers under a name of A-Z, 0-9 and _"),
+                "correct the attribute before export",
+            ));
+        }
     }
     Ok(())
 }
@@ -132,6 +166,8 @@ enum Content {
     Radiance,
     StderrGrey,
     StderrRgb,
+    /// Entry of [`GltfOptions::scalars`].
+    Scalars(usize),
     IndicesU16,
     IndicesU32,
 }
@@ -143,14 +179,14 @@ impl Content {
         match self {
             Self::Position | Self::Normal | Self::ColourF32 | Self::Radiance | Self::StderrRgb => (C::F32, T::Vec3, 12),
             Self::ColourU16 => (C::U16, T::Vec4, 8),
-            Self::StderrGrey => (C::F32, T::Scalar, 4),
+            Self::StderrGrey | Self::Scalars(_) => (C::F32, T::Scalar, 4),
             Self::IndicesU16 => (C::U16, T::Scalar, 2),
             Self::IndicesU32 => (C::U32, T::Scalar, 4),
         }
     }
 
     /// The attribute it is; `None` for indices.
-    fn semantic(self) -> Option<mesh::Semantic> {
+    fn semantic(self, scalars: &[Scalars]) -> Option<mesh::Semantic> {
         match self {
             Self::Position => Some(mesh::Semantic::Positions),
             Self::Normal => Some(mesh::Semantic::Normals),
@@ -158,6 +194,7 @@ impl Content {
             // The crate writes the underscore.
             Self::Radiance => Some(mesh::Semantic::Extras("RADIANCE".into())),
             Self::StderrGrey | Self::StderrRgb => Some(mesh::Semantic::Extras("STDERR".into())),
+            Self::Scalars(i) => Some(mesh::Semantic::Extras(scalars[i].name.clone())),
             Self::IndicesU16 | Self::IndicesU32 => None,
         }
     }
@@ -202,6 +239,7 @@ impl Layout {
             Some(StandardError::Rgb(_)) => layout.push(Content::StderrRgb, vertices),
             None => {}
         }
+        (0..options.scalars.len()).for_each(|i| layout.push(Content::Scalars(i), vertices));
         let short = options.allow_u16_indices && vertices <= MOST_U16_VERTICES;
         layout.push(if short { Content::IndicesU16 } else { Content::IndicesU32 }, 3 * mesh.triangles.len());
         layout
@@ -217,7 +255,7 @@ impl Layout {
     }
 }
 
-fn write_view(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, view: &View) -> Result<()> {
+fn write_view(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, scalars: &[Scalars], view: &View) -> Result<()> {
     let vertices = mesh.positions.len();
     let centre = mesh.centre_in_world();
     let triangles = mesh.triangles;
@@ -240,6 +278,7 @@ fn write_view(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, view: &View)
             Some(StandardError::Rgb(e)) => write_records(w, e.len(), |v| bytes_of_triple(e[v])),
             None => Ok(()),
         },
+        Content::Scalars(i) => write_records(w, vertices, |v| scalars[i].values[v].to_le_bytes()),
         Content::IndicesU32 => write_records(w, triangles.len(), |t| {
             let [a, b, c] = triangles[t].map(u32::to_le_bytes);
             [a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3], c[0], c[1], c[2], c[3]]
@@ -266,7 +305,7 @@ fn document(mesh: &ExportMesh<'_>, options: &GltfOptions, layout: &Layout) -> Re
         },
         ..Default::default()
     };
-    let mesh_index = (!mesh.is_empty()).then(|| push_mesh(&mut root, mesh, options, layout));
+    let mesh_index = (!mesh.is_empty()).then(|| push_mesh(&mut root, mesh, options, layout)).transpose()?;
     let node = node(mesh, options, mesh_index)?;
     let node = root.push(node);
     root.scene = Some(root.push(json::Scene { extensions: None, extras: None, name: None, nodes: vec![node] }));
@@ -278,7 +317,7 @@ fn push_mesh(
     mesh: &ExportMesh<'_>,
     options: &GltfOptions,
     layout: &Layout,
-) -> Index<json::Mesh> {
+) -> Result<Index<json::Mesh>> {
     let buffer = root.push(json::Buffer {
         byte_length: USize64(layout.bytes),
         name: None,
@@ -290,7 +329,7 @@ fn push_mesh(
     let mut indices = None;
     for view in &layout.views {
         let accessor = push_accessor(root, mesh, view, buffer);
-        match view.content.semantic() {
+        match view.content.semantic(&options.scalars) {
             Some(semantic) => {
                 attributes.insert(Checked::Valid(semantic), accessor);
             }
@@ -319,13 +358,13 @@ fn push_mesh(
         mode: Checked::Valid(mesh::Mode::Triangles),
         targets: None,
     };
-    root.push(json::Mesh {
+    Ok(root.push(json::Mesh {
         extensions: None,
-        extras: None,
+        extras: raw(&options.mesh_extras)?,
         name: Some(mesh.name.into()),
         primitives: vec![primitive],
         weights: None,
-    })
+    }))
 }
 
 fn push_accessor(
@@ -334,7 +373,7 @@ fn push_accessor(
     view: &View,
     buffer: Index<json::Buffer>,
 ) -> Index<json::Accessor> {
-    let is_index = view.content.semantic().is_none();
+    let is_index = matches!(view.content, Content::IndicesU16 | Content::IndicesU32);
     let target = if is_index { buffer::Target::ElementArrayBuffer } else { buffer::Target::ArrayBuffer };
     let buffer_view = root.push(buffer::View {
         buffer,

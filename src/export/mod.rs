@@ -1,10 +1,11 @@
-//! Files that other programs open: GLB, PLY, PNG, contact sheets, and the atomic write under
+//! Files that other programs open: GLB, PLY, PNG, VTI, NRRD, contact sheets, and the atomic write under
 //! all of them. Knows nothing of volumes, spherical harmonics and light: it takes meshes,
 //! images and attributes.
 //!
 //! | module | writes |
 //! |---|---|
 //! | [`gltf`] | a lit mesh as GLB (glTF 2.0), colours linear in `COLOR_0` |
+//! | [`field`] | radiance on a lattice as VTI, NRRD and raw |
 //! | [`ply`] | the same mesh as binary PLY, colours 8-bit sRGB |
 //! | [`png`] | an [`Image`] as 8-bit sRGB PNG |
 //! | [`sheet`] | several images with labels as one [`Image`] ([`font`] draws the letters) |
@@ -22,6 +23,7 @@
 //! [`gltf::scale`] decides the scale.
 
 pub mod atomic;
+pub mod field;
 pub mod font;
 pub mod gltf;
 pub mod image;

@@ -1,6 +1,7 @@
 //! Trilinear lookup of contracted radiance, over the texels that have any.
 
 use super::{Contracted, Light, Material};
+use crate::transfer::Lattice;
 use rayon::prelude::*;
 
 /// Linear radiance per vertex and how it was found.
@@ -59,15 +60,38 @@ impl std::ops::AddAssign for LookupReport {
 const TASK: usize = 4096;
 
 /// Eight texels and a position between them.
-struct Cell {
+pub(super) struct Cell {
     base: [usize; 3],
     next: [usize; 3],
     at: [f32; 3],
 }
 
 impl Cell {
+    /// The cell of texels around a grid position.
+    pub(super) fn around(lattice: Lattice, position_in_grid: [f32; 3]) -> Self {
+        let m = lattice.texels();
+        let mut cell = Self { base: [0; 3], next: [0; 3], at: [0.0; 3] };
+        for a in 0..3 {
+            let p = (f64::from(position_in_grid[a]) / lattice.step(a)).clamp(0.0, (m[a] - 1) as f64);
+            cell.base[a] = (p as usize).min(m[a].saturating_sub(2));
+            cell.next[a] = (cell.base[a] + 1).min(m[a] - 1);
+            cell.at[a] = (p - cell.base[a] as f64) as f32;
+        }
+        cell
+    }
+
+    /// The 4³ texels around it, x fastest; fewer at the edges of the lattice.
+    pub(super) fn surroundings(&self, lattice: Lattice) -> impl Iterator<Item = [usize; 3]> {
+        let m = lattice.texels();
+        let [xs, ys, zs] = [0, 1, 2].map(|a| self.base[a].saturating_sub(1)..(self.base[a] + 3).min(m[a]));
+        zs.flat_map(move |z| {
+            let xs = xs.clone();
+            ys.clone().flat_map(move |y| xs.clone().map(move |x| [x, y, z]))
+        })
+    }
+
     /// The texels with their trilinear weights; those of weight 0 are left out.
-    fn corners(&self) -> impl Iterator<Item = ([usize; 3], f32)> {
+    pub(super) fn corners(&self) -> impl Iterator<Item = ([usize; 3], f32)> {
         (0..8).filter_map(|corner| {
             let pick = [corner & 1, corner >> 1 & 1, corner >> 2];
             let mut w = 1.0;
@@ -120,7 +144,7 @@ impl Contracted {
         report: &mut LookupReport,
     ) -> [f32; 3] {
         report.lookups += 1;
-        let cell = self.cell(position_in_grid);
+        let cell = Cell::around(self.lattice, position_in_grid);
         let mut sum = [0.0f32; 3];
         let (mut weights, mut missing, mut unbaked) = (0.0f32, false, false);
         for (texel, w) in cell.corners() {
@@ -140,7 +164,7 @@ impl Contracted {
             report.renormalised += u64::from(missing);
             return if missing { sum.map(|v| v / weights) } else { sum };
         }
-        if let Some(mean) = self.neighbourhood_mean(cell.base) {
+        if let Some(mean) = self.neighbourhood_mean(&cell) {
             report.neighbourhood += 1;
             return mean;
         }
@@ -159,7 +183,7 @@ impl Contracted {
 
     fn stderr_at(&self, position_in_grid: [f32; 3]) -> f32 {
         let (mut variance, mut weights) = (0.0f32, 0.0f32);
-        for (texel, w) in self.cell(position_in_grid).corners() {
+        for (texel, w) in Cell::around(self.lattice, position_in_grid).corners() {
             if self.texel(texel)[3] > 0.0 {
                 let error = w * self.texel_stderr(texel);
                 variance += error * error;
@@ -169,33 +193,14 @@ impl Contracted {
         if weights > 0.0 { variance.sqrt() / weights } else { self.noise.rms as f32 }
     }
 
-    /// The cell of texels around a grid position.
-    fn cell(&self, position_in_grid: [f32; 3]) -> Cell {
-        let m = self.lattice.texels();
-        let mut cell = Cell { base: [0; 3], next: [0; 3], at: [0.0; 3] };
-        for a in 0..3 {
-            let p = (f64::from(position_in_grid[a]) / self.lattice.step(a)).clamp(0.0, (m[a] - 1) as f64);
-            cell.base[a] = (p as usize).min(m[a].saturating_sub(2));
-            cell.next[a] = (cell.base[a] + 1).min(m[a] - 1);
-            cell.at[a] = (p - cell.base[a] as f64) as f32;
-        }
-        cell
-    }
-
-    /// Mean of the valid texels of the 4³ around the cell at `base`.
-    fn neighbourhood_mean(&self, base: [usize; 3]) -> Option<[f32; 3]> {
-        let m = self.lattice.texels();
-        let span = |a: usize| base[a].saturating_sub(1)..(base[a] + 3).min(m[a]);
+    /// Mean of the valid texels of the 4³ around a cell.
+    fn neighbourhood_mean(&self, cell: &Cell) -> Option<[f32; 3]> {
         let (mut sum, mut count) = ([0.0f32; 3], 0.0f32);
-        for z in span(2) {
-            for y in span(1) {
-                for x in span(0) {
-                    let [r, g, b, valid] = self.texel([x, y, z]);
-                    if valid > 0.0 {
-                        sum = [sum[0] + r, sum[1] + g, sum[2] + b];
-                        count += 1.0;
-                    }
-                }
+        for texel in cell.surroundings(self.lattice) {
+            let [r, g, b, valid] = self.texel(texel);
+            if valid > 0.0 {
+                sum = [sum[0] + r, sum[1] + g, sum[2] + b];
+                count += 1.0;
             }
         }
         (count > 0.0).then(|| sum.map(|v| v / count))

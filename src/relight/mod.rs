@@ -12,6 +12,7 @@
 mod clamp;
 mod contract;
 mod exposure;
+mod interpolate;
 mod light;
 mod lookup;
 mod noise;
@@ -24,6 +25,7 @@ mod tests;
 pub use clamp::ClampReport;
 pub use contract::{Contracted, Noise, contract};
 pub use exposure::Exposure;
+pub use interpolate::{VertexTransfer, look_up_transfer};
 pub use light::Light;
 pub use lookup::{LookupReport, SurfaceError, VertexRadiance};
 pub use tail::Tail;

@@ -106,7 +106,7 @@ impl Study<'_> {
         let layout = Layout { lattice, layers: layers.clone() };
         let mut squares = [0.0; 2];
         for (square, n) in squares.iter_mut().zip(rays) {
-            let seed = key(self.seed, 0x70_696c_6f74_00 + u64::from(n));
+            let seed = key(self.seed, 0x7069_6c6f_7400 + u64::from(n));
             let settings = Settings { layers: layers.clone(), rays: n, seed, target: None, positive: false };
             let texels = self.texels(&layout, &settings)?;
             *square = mean_square(&self.interpolated(lattice, &texels, layers, layers, &light, &cut), &kept);

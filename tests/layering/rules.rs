@@ -161,4 +161,7 @@ pub const CRATES: &[(&str, &[&str])] = &[
     ("tiff", &["volume"]),
     ("memmap2", &["transfer", "volume"]),
     ("sobol_burley", &["sampling"]),
+    // The page knows no sockets.
+    ("tiny_http", &["cli"]),
+    ("base64", &["view"]),
 ];

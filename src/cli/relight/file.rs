@@ -4,16 +4,16 @@ use super::Relight;
 use super::report::finite;
 use crate::cli::light::Lighting;
 use crate::cli::output::{Format, Target};
-use crate::cli::picture::develop;
+use crate::cli::still::Still;
 use crate::cli::surface::Surface;
-use crate::cli::{Failure, Outcome, info, text};
+use crate::cli::{Failure, Outcome, info, relightable, text};
 use crate::export::gltf::{ColourFormat, GltfOptions};
 use crate::export::{Image, atomic, gltf, ply, png};
 use crate::geom::Up;
 use crate::level::{Counts, Pyramid};
 use crate::probe::Probe;
 use crate::relight::{Contracted, Exposure, LookupReport, Material, SurfaceError, contract};
-use crate::render::{RenderOptions, render_with_suns, sun_visibility};
+use crate::render::sun_visibility;
 use crate::scene::{EmissionRule, MaterialRule};
 use crate::transfer::store::Store;
 use crate::volume::Volume;
@@ -137,19 +137,28 @@ impl Context<'_> {
             bytes: 0,
         };
         let record = self.record(probe, &material, &written);
+        let lit_radiance = lit.radiance;
         match written.target.format {
-            Format::Png => self.write_picture(surface, &contracted, &lighting, &material, record, &mut written)?,
-            _ => self.write_mesh(surface, &lit.radiance, &errors, record, &mut written)?,
+            Format::Png => {
+                let lit = (probe, &lighting, &material);
+                self.write_picture(surface, &contracted, lit, record, &mut written)?;
+            }
+            _ => {
+                let lit = (probe, &lighting, &material);
+                self.write_mesh(surface, lit, (&lit_radiance, &errors), record, &mut written)?;
+            }
         }
-        written.bytes = std::fs::metadata(&written.target.path).map_or(0, |m| m.len());
+        if written.target.format != Format::Png {
+            written.bytes = std::fs::metadata(&written.target.path).map_or(0, |m| m.len());
+        }
         Ok(written)
     }
 
     fn write_mesh(
         &self,
         surface: &Surface,
-        radiance: &[[f32; 3]],
-        errors: &[f32],
+        (probe, lighting, material): (&Probe, &Lighting, &Material),
+        (radiance, errors): (&[[f32; 3]], &[f32]),
         record: Value,
         written: &mut Written,
     ) -> Outcome {
@@ -164,7 +173,14 @@ impl Context<'_> {
             atomic::write(path, |w| ply::write(w, &mesh, &options))?;
         } else {
             let colour_format = if args.float_color { ColourFormat::F32 } else { ColourFormat::U16 };
-            let options = GltfOptions { colour_format, scale: args.scale, provenance: record, ..Default::default() };
+            let mut options =
+                GltfOptions { colour_format, scale: args.scale, provenance: record, ..Default::default() };
+            if args.transfer {
+                let (layers, rotation) = (&self.store.layout().layers, self.command.light.env_rotate);
+                options.scalars = relightable::attributes(self.store, &surface.mesh)?;
+                options.mesh_extras =
+                    relightable::extras(layers, probe, &lighting.light, material, self.up, rotation, written.exposure)?;
+            }
             atomic::write(path, |w| gltf::write(w, &mesh, &options))?;
         }
         written.times.write = start.elapsed();
@@ -175,35 +191,45 @@ impl Context<'_> {
         &self,
         surface: &Surface,
         contracted: &Contracted,
-        lighting: &Lighting,
-        material: &Material,
+        (probe, lighting, material): (&Probe, &Lighting, &Material),
         record: Value,
         written: &mut Written,
     ) -> Outcome {
         let args = &self.command.picture;
-        let start = Instant::now();
-        let (width, height) = args.size;
-        let camera = surface.camera(self.volume, self.up, args.view, args.projection(), width as f64 / height as f64);
-        let options = RenderOptions { width, height, supersampling: SUPERSAMPLING };
-        let (isovalue, light, suns) = (surface.isovalue, &lighting.light, &lighting.suns);
-        let picture =
-            render_with_suns(self.volume, self.pyramid, isovalue, contracted, light, material, &camera, &options, suns);
-        if picture.report.unbaked > 0 {
-            return Err(self.unbaked(surface.isovalue, &picture.report));
-        }
-        written.report += picture.report;
-        written.camera = picture.counts;
-        written.times.render = start.elapsed();
-        let start = Instant::now();
-        let image = develop(&picture, written.exposure, args.background)?;
+        let still = Still {
+            args,
+            light: &self.command.light,
+            split: self.command.splits_sun(),
+            store: self.store,
+            volume: self.volume,
+            pyramid: self.pyramid,
+            surface,
+            up: self.up,
+            probe,
+            material,
+            exposure: written.exposure,
+        };
         let options = png::PngOptions {
-            alpha: args.background[3] < 1.0,
+            alpha: args.background.is_transparent(),
             software: Some(concat!("isolume ", env!("CARGO_PKG_VERSION")).into()),
             description: Some(record.to_string()),
         };
-        atomic::write(&written.target.path, |w| png::write(w, &image, &options))?;
-        written.image = Some(image);
-        written.times.write = start.elapsed();
+        for index in 0..args.frames() {
+            let start = Instant::now();
+            let frame = still.frame(index, contracted, lighting)?;
+            if frame.report.unbaked > 0 {
+                return Err(self.unbaked(surface.isovalue, &frame.report));
+            }
+            written.report += frame.report;
+            written.camera += frame.counts;
+            written.times.render += start.elapsed();
+            let start = Instant::now();
+            let path = args.path_of_frame(&written.target.path, index);
+            atomic::write(&path, |w| png::write(w, &frame.image, &options))?;
+            written.bytes += std::fs::metadata(&path).map_or(0, |m| m.len());
+            written.image = Some(frame.image);
+            written.times.write += start.elapsed();
+        }
         Ok(())
     }
 
@@ -244,6 +270,3 @@ impl Context<'_> {
         })
     }
 }
-
-/// Rays along each side of a pixel.
-const SUPERSAMPLING: usize = 2;

@@ -83,6 +83,9 @@ struct MeshArgs {
     /// Store COLOR_0 as 32-bit floats
     #[arg(long)]
     float_color: bool,
+    /// Carry the transfer of each vertex in .glb files, so that they can be lit anew elsewhere
+    #[arg(long)]
+    transfer: bool,
     /// glTF units (metres) to a world unit [default: as the file says, or the longest side becomes 1]
     #[arg(long, value_name = "S")]
     scale: Option<f64>,

@@ -58,6 +58,9 @@ impl<'a> Work<'a> {
     ) -> Outcome<Self> {
         let isovalues: Vec<f64> = chosen.iter().map(|c| c.value).collect();
         let environments: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
+        if command.picture.turntable.is_some() {
+            command.output.iter().try_for_each(|output| make_folder(output))?;
+        }
         let files = all_targets(command, volume, &isovalues, &environments)?;
         if files.iter().flatten().any(|f| f.format == Format::Png) {
             check_size(command.picture.size, command.transfer.memory_limit)?;
@@ -221,7 +224,9 @@ fn all_targets(
 ) -> Outcome<Vec<Vec<Target>>> {
     let mut all: Vec<Vec<Target>> = vec![Vec::new(); isovalues.len() * environments.len()];
     for output in &command.output {
-        for (slot, target) in all.iter_mut().zip(targets(output, &volume.name, isovalues, environments)?) {
+        for (slot, target) in
+            all.iter_mut().zip(targets(&command.picture.pattern(output)?, &volume.name, isovalues, environments)?)
+        {
             slot.push(target);
         }
     }

@@ -1,0 +1,250 @@
+//! Pictures for print and film: what is behind the surface, tone, a scale bar, and turntables.
+
+use super::light::{LightArgs, Lighting};
+use super::picture::{Background, PictureArgs, Tone, Turn};
+use super::surface::Surface;
+use super::{Outcome, text};
+use crate::error::{Error, Result};
+use crate::export::{Image, font};
+use crate::geom::Up;
+use crate::level::{Counts, Pyramid};
+use crate::probe::{LatLong, Orientation, Probe};
+use crate::relight::{Contracted, LookupReport, Material, contract};
+use crate::render::{Camera, Picture, Projection, RenderOptions, View, render_with_suns};
+use crate::transfer::store::Store;
+use crate::volume::{LengthUnit, Volume};
+use glam::DVec3;
+
+/// One surface under one light, to be pictured from one or many sides.
+pub(super) struct Still<'a> {
+    pub(super) args: &'a PictureArgs,
+    pub(super) light: &'a LightArgs,
+    /// Whether dominant lamps are lit apart.
+    pub(super) split: bool,
+    pub(super) store: &'a Store,
+    pub(super) volume: &'a Volume,
+    pub(super) pyramid: &'a Pyramid,
+    pub(super) surface: &'a Surface,
+    pub(super) up: Up,
+    pub(super) probe: &'a Probe,
+    pub(super) material: &'a Material,
+    pub(super) exposure: f32,
+}
+
+/// A picture and how it came about.
+pub(super) struct Frame {
+    pub(super) image: Image,
+    pub(super) counts: Counts,
+    pub(super) report: LookupReport,
+}
+
+impl Still<'_> {
+    /// Picture number `index` of the turntable; the only one where there is none.
+    pub(super) fn frame(&self, index: u32, contracted: &Contracted, lighting: &Lighting) -> Outcome<Frame> {
+        let degrees = self.args.turntable.map_or(0.0, |n| 360.0 * f64::from(index) / f64::from(n));
+        let mut view = self.args.view;
+        let mut light = self.light.clone();
+        match self.args.turn {
+            Turn::View => view.azimuth += degrees,
+            Turn::Light => light.env_rotate += degrees,
+        }
+        let anew = if self.args.turn == Turn::Light && index > 0 {
+            let lighting = light.prepare(self.probe, self.up, &self.store.layout().layers, self.split)?;
+            let mut contracted = contract(self.store, &self.surface.bricks, &lighting.light, self.material)?;
+            if lighting.certified {
+                contracted.clamp_negative();
+            }
+            Some((contracted, lighting))
+        } else {
+            None
+        };
+        let (contracted, lighting) = anew.as_ref().map_or((contracted, lighting), |(c, l)| (c, l));
+        let camera = self.args.camera(self.surface, self.volume, self.up, view);
+        let (width, height) = self.args.size;
+        let options = RenderOptions { width, height, supersampling: usize::from(self.args.supersampling) };
+        let picture = render_with_suns(
+            self.volume,
+            self.pyramid,
+            self.surface.isovalue,
+            contracted,
+            &lighting.light,
+            self.material,
+            &camera,
+            &options,
+            &lighting.suns,
+        );
+        let mut image = match self.args.background {
+            Background::Colour(colour) => develop(&picture, self.exposure, self.args.tone, &|_, _| colour)?,
+            Background::Environment => {
+                let sky = self.sky(view, light.env_rotate)?;
+                develop(&picture, self.exposure, self.args.tone, &sky)?
+            }
+        };
+        if self.args.scale_bar {
+            self.draw_bar(&mut image, &camera)?;
+        }
+        Ok(Frame { image, counts: picture.counts, report: picture.report })
+    }
+
+    /// The environment behind a pixel. Parallel rays would see one direction of it: behind them it is seen in
+    /// perspective.
+    fn sky(&self, view: View, rotation: f64) -> Result<impl Fn(usize, usize) -> [f32; 4]> {
+        let (width, height) = self.args.size;
+        let aspect = width as f64 / height as f64;
+        let projection = match self.args.projection() {
+            Projection::Orthographic => Projection::Perspective(SKY_FIELD_OF_VIEW),
+            perspective => perspective,
+        };
+        let camera = Camera::framing(&self.volume.world_bounds(), self.up, view, projection, aspect);
+        let probe_from_world = Orientation::new(self.up, rotation)?.probe_from_world();
+        let (exposure, tone, image) = (self.exposure, self.args.tone, &self.probe.image);
+        Ok(move |x: usize, y: usize| {
+            let px = (x as f64 + 0.5) / width as f64 * 2.0 - 1.0;
+            let py = 1.0 - (y as f64 + 0.5) / height as f64 * 2.0;
+            let (_, direction) = camera.ray(px, py, aspect);
+            let [r, g, b] = tone.apply(between_pixels(image, probe_from_world * direction).map(|v| v * exposure));
+            [r, g, b, 1.0]
+        })
+    }
+
+    /// A bar of a round length, with its length in words.
+    fn draw_bar(&self, image: &mut Image, camera: &Camera) -> Result<()> {
+        if self.args.perspective.is_some() {
+            let remedy = "leave out --perspective or the bar";
+            return Err(Error::argument("--scale-bar", "with --perspective", "a parallel projection", remedy));
+        }
+        let (width, height) = self.args.size;
+        let aspect = width as f64 / height as f64;
+        let units = (camera.ray(0.0, 1.0, aspect).0 - camera.ray(0.0, -1.0, aspect).0).length() / height as f64;
+        let (length, pixels) = round_length(units, width as f64 * 0.2);
+        let label = format!("{} {}", text::number(length, 4), unit_name(self.volume.unit));
+        let scale = (height / 400).max(1);
+        let (left, thick) = (width / 40 + 1, (height / 240).max(1));
+        let bottom = height - (height / 30).max(thick + 1);
+        let top = bottom.saturating_sub(font::height(&label, scale) + 2 * thick + scale);
+        let ink = if brightness(image, left, top) > 0.2 { [0.0, 0.0, 0.0, 1.0] } else { [1.0; 4] };
+        for x in 0..pixels as usize {
+            for y in 0..thick {
+                image.blend(left + x, bottom + y, ink);
+            }
+        }
+        for y in 0..3 * thick {
+            for x in 0..thick {
+                image.blend(left + x, bottom + thick - y, ink);
+                image.blend(left + pixels as usize - x, bottom + thick - y, ink);
+            }
+        }
+        font::draw(image, left, top, &label, scale, ink);
+        Ok(())
+    }
+}
+
+/// Degrees of the environment that stand behind a parallel view.
+const SKY_FIELD_OF_VIEW: f64 = 60.0;
+
+/// The largest of 1, 2, 5 × 10^n units that `most` pixels hold, and its pixels.
+fn round_length(units_per_pixel: f64, most: f64) -> (f64, f64) {
+    let longest = units_per_pixel * most;
+    let power = 10f64.powi(longest.log10().floor() as i32);
+    let length = [5.0, 2.0, 1.0].map(|f| f * power).into_iter().find(|l| *l <= longest).unwrap_or(power);
+    (length, length / units_per_pixel)
+}
+
+fn unit_name(unit: LengthUnit) -> String {
+    const NAMES: [(f64, &str); 6] = [(1e-10, "Å"), (1e-9, "nm"), (1e-6, "µm"), (1e-3, "mm"), (1e-2, "cm"), (1.0, "m")];
+    match unit {
+        LengthUnit::Unknown => "units".into(),
+        LengthUnit::Metres(metres) => NAMES
+            .iter()
+            .find(|(m, _)| (metres / m - 1.0).abs() < 1e-9)
+            .map_or_else(|| format!("x {metres:e} m"), |(_, name)| (*name).into()),
+    }
+}
+
+/// Mean luminance of what lies under a label, transparent counted as white paper.
+fn brightness(image: &Image, left: usize, top: usize) -> f32 {
+    let (mut sum, mut count) = (0.0, 0.0f32);
+    for y in (top..image.height()).step_by(2) {
+        for x in (left..(left + image.width() / 5).min(image.width())).step_by(2) {
+            let [r, g, b, a] = image.pixel(x, y);
+            sum += (0.2126 * r + 0.7152 * g + 0.0722 * b) * a + 1.0 - a;
+            count += 1.0;
+        }
+    }
+    sum / count.max(1.0)
+}
+
+/// Radiance from a direction, linear between the pixels' centres: a picture, where [`LatLong::radiance`] is the light.
+fn between_pixels(image: &LatLong, direction_in_probe: DVec3) -> [f32; 3] {
+    let [x, y] = image.pixel_from_direction(direction_in_probe).map(|v| v - 0.5);
+    let (column, row) = (x.floor(), y.floor());
+    let (fx, fy) = ((x - column) as f32, (y - row) as f32);
+    let pixel = |i: f64, j: f64| {
+        let (w, h) = (image.width() as i64, image.height() as i64);
+        image.row((j as i64).clamp(0, h - 1) as usize)[(i as i64).rem_euclid(w) as usize]
+    };
+    let corners = [
+        (pixel(column, row), (1.0 - fx) * (1.0 - fy)),
+        (pixel(column + 1.0, row), fx * (1.0 - fy)),
+        (pixel(column, row + 1.0), (1.0 - fx) * fy),
+        (pixel(column + 1.0, row + 1.0), fx * fy),
+    ];
+    std::array::from_fn(|c| corners.iter().map(|(p, w)| p[c] * w).sum())
+}
+
+/// Exposes a picture, bends it by a tone curve, and lays it over what is behind: linear colour and alpha of a pixel.
+fn develop(picture: &Picture, factor: f32, tone: Tone, behind: &dyn Fn(usize, usize) -> [f32; 4]) -> Result<Image> {
+    let pixels = picture.pixels.iter().enumerate().map(|(i, &[r, g, b, coverage])| {
+        let background = behind(i % picture.width, i / picture.width);
+        if coverage <= 0.0 {
+            return background;
+        }
+        let colour = tone.apply([r, g, b].map(|v| v / coverage * factor));
+        let alpha = coverage + background[3] * (1.0 - coverage);
+        let mix = |c: usize| (colour[c] * coverage + background[c] * background[3] * (1.0 - coverage)) / alpha;
+        [mix(0), mix(1), mix(2), alpha]
+    });
+    Image::new(picture.width, picture.height, pixels.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bars_are_round_and_fit() {
+        for (units, most) in [(0.5, 200.0), (1e-6, 77.0), (3.0, 333.0)] {
+            let (length, pixels) = round_length(units, most);
+            assert!(pixels <= most && pixels > most / 2.51, "{length} {pixels}");
+            let digit = length / 10f64.powf(length.log10().floor());
+            assert!([1.0, 2.0, 5.0].iter().any(|d| (digit - d).abs() < 1e-9), "{length}");
+        }
+        assert_eq!(unit_name(LengthUnit::Metres(1e-3)), "mm");
+    }
+
+    #[test]
+    fn tone_curves_rise_and_stay_within_bounds() {
+        for tone in [Tone::None, Tone::Reinhard, Tone::Filmic] {
+            let mut before = -1.0;
+            for i in 0..200 {
+                let [r, g, b] = tone.apply([0.05 * i as f32; 3]);
+                assert!(r == g && g == b && (0.0..=1.0).contains(&r) && r >= before, "{tone:?} {i}");
+                before = r;
+            }
+            assert_eq!(tone.apply([-1.0; 3]), [0.0; 3], "{tone:?}");
+        }
+        // Four times white is where the curve of Reinhard reaches 1.
+        assert!((Tone::Reinhard.apply([4.0; 3])[0] - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_sky_is_smooth_and_wraps_around() {
+        let pixels = (0..8).map(|i| [i as f32; 3]).collect();
+        let image = LatLong::new(4, 2, pixels).unwrap();
+        let centre = image.direction_from_pixel(1.5, 0.5);
+        assert!((between_pixels(&image, centre)[0] - 1.0).abs() < 1e-5);
+        // At the seam, half of the last and half of the first column.
+        let seam = image.direction_from_pixel(0.0, 0.5);
+        assert!((between_pixels(&image, seam)[0] - 1.5).abs() < 1e-5);
+    }
+}

@@ -1,0 +1,329 @@
+//! The data of the page: a header as JSON and a payload of sections of numbers.
+//!
+//! Sections start at multiples of 8 bytes, little-endian; the header names each with offset and length:
+//!
+//! | section | holds |
+//! |---|---|
+//! | `samples`, `ranges` | the volume as a texture, and the smallest and largest number of each block of 8³ cells |
+//! | `valid` | a bit to each texel of the lattice, x fastest, lowest bit first |
+//! | `transfer` | for each coefficient a plane of the valid texels: 16-bit floats, or 8-bit signed with the header's scale |
+//! | `error` | for each valid texel 255·sqrt(relative standard error under constant light, at most 1) |
+//! | `picture.N` | probe N as a small lat-long image, three 16-bit floats a pixel |
+
+use super::samples::{self, BLOCK};
+use super::texels::{Texels, reduced};
+use crate::error::{Error, Result};
+use crate::probe::{Orientation, Probe};
+use crate::relight::{Light, Material, contract};
+use crate::scene::Colormap;
+use crate::scene::srgb::byte_from_linear;
+use crate::sh::{MAX_BANDS, Rotation};
+use crate::transfer::{BrickSource, Lattice, Layers};
+use crate::volume::{LengthUnit, Volume};
+use half::f16;
+use serde_json::{Map, Value, json};
+
+/// How transfer coefficients are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Coding {
+    /// 16-bit floats, as in the store.
+    Half,
+    /// 8-bit signed, each coefficient with the scale of its largest magnitude.
+    Byte,
+}
+
+/// What the page shows.
+pub struct Subject<'a> {
+    /// The volume.
+    pub volume: &'a Volume,
+    /// Its transfer.
+    pub source: &'a dyn BrickSource,
+    /// Isovalues that were baked, in the file's values; `None` for all.
+    pub isovalues: Option<Vec<f64>>,
+    /// What the page says about the bake: names and texts.
+    pub about: Vec<(String, String)>,
+    /// What the page starts with, and its list of environments.
+    pub probes: &'a [Probe],
+    /// The isovalue that the page starts with.
+    pub isovalue: f64,
+}
+
+/// How much of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Most texels along an axis.
+    pub texture_side: usize,
+    /// Most samples along an axis.
+    pub volume_side: usize,
+    /// How coefficients are stored.
+    pub coding: Coding,
+}
+
+/// Data of the page.
+pub struct Package {
+    /// What the payload is, and everything that is not numbers.
+    pub header: Value,
+    /// The sections.
+    pub payload: Vec<u8>,
+    /// Texels that have a level set.
+    pub valid_texels: u64,
+    /// Texels along each axis.
+    pub texels: [usize; 3],
+    /// Samples along each axis.
+    pub samples: [usize; 3],
+}
+
+/// Most coefficients of a texel: what a uniform block holds on every WebGL2.
+pub const MOST_COEFFICIENTS: usize = 1000;
+/// Size of the pictures of probes.
+const PICTURE: [usize; 2] = [128, 64];
+/// Entries of a colour scale; the page takes the nearest.
+const COLORMAP_ENTRIES: usize = 256;
+/// Intervals between the quantiles of the values.
+const QUANTILES: usize = 256;
+/// Albedo under which errors are stated.
+const ALBEDO: f32 = 0.7;
+
+struct Payload {
+    bytes: Vec<u8>,
+    sections: Map<String, Value>,
+}
+
+impl Payload {
+    fn push(&mut self, name: &str, bytes: &[u8]) {
+        self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
+        self.sections.insert(name.into(), json!([self.bytes.len(), bytes.len()]));
+        self.bytes.extend(bytes);
+    }
+}
+
+/// Packs a texture and its volume for the page.
+///
+/// # Errors
+/// When the volume is flat, a texel has more than [`MOST_COEFFICIENTS`], nothing is baked, or the source cannot be
+/// read.
+pub fn pack(subject: &Subject<'_>, options: &Options) -> Result<Package> {
+    let volume = subject.volume;
+    let layout = subject.source.layout();
+    let layers = &layout.layers;
+    if volume.dims().contains(&1) {
+        let found = format!("{:?} samples", volume.dims());
+        return Err(Error::argument(
+            "volume",
+            found,
+            "2 or more along each axis",
+            "a flat volume has no surface to show",
+        ));
+    }
+    if layers.coefficients() > MOST_COEFFICIENTS {
+        return Err(Error::Limit {
+            what: "the page".into(),
+            needed: format!("{} coefficients a texel", layers.coefficients()),
+            limit: format!("{MOST_COEFFICIENTS}"),
+            remedy: "bake with fewer bands or layers, such as --bands 5,4,3,3".into(),
+        });
+    }
+    let lattice = Lattice::from_texels(layout.lattice.grid(), reduced(layout.lattice.texels(), options.texture_side))?;
+    let texels = Texels::gather(subject.source)?;
+    let mut payload = Payload { bytes: Vec::new(), sections: Map::new() };
+
+    let volume_texture = samples::volume_texture(volume, reduced(volume.dims(), options.volume_side));
+    payload.push("samples", volume_texture.numbers.little_endian());
+    payload.push("ranges", samples::ranges(&volume_texture).little_endian());
+
+    let (numbers, scales) = push_transfer(&mut payload, &texels, lattice, layers, options.coding);
+    if numbers.is_empty() {
+        let remedy = "bake it first: isolume bake VOLUME -o X.isolume";
+        return Err(Error::argument("store", "no texel with a level set", "at least one that is baked", remedy));
+    }
+    let positions: Vec<[f32; 3]> = numbers.iter().map(|&n| position(lattice, n)).collect();
+    let constant_error = push_errors(&mut payload, subject, &texels, &positions)?;
+    let probes = push_probes(&mut payload, subject, &texels)?;
+
+    let valid_texels = numbers.len() as u64;
+    let header = json!({
+        "format": 1,
+        "name": volume.name,
+        "about": subject.about.iter().map(|(k, v)| json!([k, v])).collect::<Vec<_>>(),
+        "sections": payload.sections,
+        "volume": {
+            "grid": volume.dims(),
+            "samples": volume_texture.dims,
+            "coding": volume_texture.numbers.coding_name(),
+            // raw = scale·t + offset, value = slope·raw + inter.
+            "scale": volume_texture.scale, "offset": volume_texture.offset,
+            "slope": volume.slope(), "inter": volume.inter(),
+            "sign": volume.solid_sign(),
+            "range": [volume.value_range().0, volume.value_range().1],
+            "quantiles": samples::value_quantiles(volume, QUANTILES),
+            "block": BLOCK, "blocks": samples::block_counts(volume_texture.dims),
+            "world_from_grid": affine(volume),
+            "unit": match volume.unit { LengthUnit::Unknown => Value::Null, LengthUnit::Metres(m) => json!(m) },
+            "up": volume.up.name(),
+            "gltf_from_world": volume.up.gltf_from_world().transpose().to_cols_array(),
+        },
+        "texture": {
+            "texels": lattice.texels(), "stored_texels": layout.lattice.texels(),
+            "valid": valid_texels, "bands": layers.bands(),
+            "coding": match options.coding { Coding::Half => "half", Coding::Byte => "byte" },
+            "scales": scales,
+        },
+        "isovalue": subject.isovalue,
+        "isovalues": subject.isovalues,
+        "world_from_upright": world_from_upright(volume, layers.max_bands())?,
+        "probes": probes,
+        "albedo": ALBEDO, "constant_error": constant_error,
+        "colormaps": colormaps()?,
+    });
+    Ok(Package { header, payload: payload.bytes, valid_texels, texels: lattice.texels(), samples: volume_texture.dims })
+}
+
+fn position(lattice: Lattice, number: usize) -> [f32; 3] {
+    let [mx, my, _] = lattice.texels();
+    lattice.grid_from_texel([number % mx, number / mx % my, number / mx / my]).map(|v| v as f32)
+}
+
+/// Row-major 3×4.
+fn affine(volume: &Volume) -> [f64; 12] {
+    let (m, o) = (volume.world_from_grid().linear(), volume.world_from_grid().offset());
+    [
+        m.x_axis.x, m.y_axis.x, m.z_axis.x, o.x, m.x_axis.y, m.y_axis.y, m.z_axis.y, o.y, m.x_axis.z, m.y_axis.z,
+        m.z_axis.z, o.z,
+    ]
+}
+
+/// Pushes `valid` and `transfer`; gives the numbers of the valid texels in the lattice, and the scales.
+fn push_transfer(
+    payload: &mut Payload,
+    texels: &Texels<'_>,
+    lattice: Lattice,
+    layers: &Layers,
+    coding: Coding,
+) -> (Vec<usize>, Vec<f32>) {
+    let n = layers.coefficients();
+    let mut largest = vec![0.0f32; n];
+    let mut numbers = Vec::new();
+    texels.visit_valid(lattice, &mut |number, transfer| {
+        numbers.push(number);
+        largest.iter_mut().zip(transfer).for_each(|(l, t)| *l = l.max(t.abs()));
+    });
+    let all: usize = lattice.texels().iter().product();
+    let mut bits = vec![0u8; all.div_ceil(8)];
+    numbers.iter().for_each(|&i| bits[i / 8] |= 1 << (i % 8));
+    payload.push("valid", &bits);
+    let count = numbers.len();
+    let scales: Vec<f32> = match coding {
+        Coding::Half => vec![1.0; n],
+        Coding::Byte => largest,
+    };
+    let mut next = 0;
+    match coding {
+        Coding::Half => {
+            let mut planes = vec![f16::ZERO; n * count];
+            texels.visit_valid(lattice, &mut |_, transfer| {
+                transfer.iter().enumerate().for_each(|(i, &t)| planes[i * count + next] = f16::from_f32(t));
+                next += 1;
+            });
+            payload.push("transfer", bytemuck::cast_slice(&planes));
+        }
+        Coding::Byte => {
+            let mut planes = vec![0i8; n * count];
+            texels.visit_valid(lattice, &mut |_, transfer| {
+                for (i, &t) in transfer.iter().enumerate() {
+                    let scaled = if scales[i] > 0.0 { t / scales[i] * 127.0 } else { 0.0 };
+                    planes[i * count + next] = scaled.round() as i8;
+                }
+                next += 1;
+            });
+            payload.push("transfer", bytemuck::cast_slice(&planes));
+        }
+    }
+    (numbers, scales)
+}
+
+/// Pushes the relative standard error of each valid texel under constant light; gives their root mean square over the
+/// mean radiance.
+fn push_errors(
+    payload: &mut Payload,
+    subject: &Subject<'_>,
+    texels: &Texels<'_>,
+    positions: &[[f32; 3]],
+) -> Result<f64> {
+    let (light, material) = (Light::constant([1.0; 3]), Material::new([ALBEDO; 3], [0.0; 3])?);
+    let contracted = contract(subject.source, &texels.baked_bricks(), &light, &material)?;
+    let normals = vec![[0.0, 0.0, 1.0]; positions.len()];
+    let lit = contracted.look_up(positions, &normals, &light, &material);
+    let errors = contracted.look_up_errors(positions);
+    let code = |(rgb, error): (&[f32; 3], &f32)| {
+        let relative = if rgb[1].abs() > 0.0 { (error / rgb[1].abs()).min(1.0) } else { 1.0 };
+        (255.0 * relative.sqrt()).round() as u8
+    };
+    let codes: Vec<u8> = lit.radiance.iter().zip(&errors).map(code).collect();
+    payload.push("error", &codes);
+    Ok(contracted.noise.relative())
+}
+
+fn push_probes(payload: &mut Payload, subject: &Subject<'_>, texels: &Texels<'_>) -> Result<Vec<Value>> {
+    let layers = &subject.source.layout().layers;
+    let bricks = texels.baked_bricks();
+    let material = Material::new([ALBEDO; 3], [0.0; 3])?;
+    let upright = Orientation::new(crate::geom::Up::Z, 0.0)?;
+    let standing = Orientation::new(subject.volume.up, 0.0)?;
+    let mut list = Vec::new();
+    for (i, probe) in subject.probes.iter().enumerate() {
+        let light = Light::from_channels(&probe.coefficients_in_world(layers.max_bands(), standing))?;
+        let noise = contract(subject.source, &bricks, &light, &material)?.noise;
+        let channels = probe.coefficients_in_world(layers.max_bands(), upright);
+        let coefficients: Vec<f64> =
+            (0..channels[0].values().len()).flat_map(|k| [0, 1, 2].map(|c| channels[c].values()[k])).collect();
+        payload.push(&format!("picture.{i}"), bytemuck::cast_slice(&picture(probe)));
+        list.push(json!({
+            "name": probe.name, "coefficients": coefficients, "size": PICTURE, "relative_error": noise.relative(),
+        }));
+    }
+    Ok(list)
+}
+
+/// A small picture of a probe: means over the pixels of each part of the image.
+fn picture(probe: &Probe) -> Vec<f16> {
+    let image = &probe.image;
+    let [width, height] = PICTURE;
+    let part = |i: usize, n: usize, all: usize| i * all / n..((i + 1) * all / n).max(i * all / n + 1).min(all);
+    let mut out = Vec::with_capacity(3 * width * height);
+    for y in 0..height {
+        for x in 0..width {
+            let (mut sum, mut count) = ([0.0f32; 3], 0.0f32);
+            for j in part(y, height, image.height()) {
+                for i in part(x, width, image.width()) {
+                    let pixel = image.row(j)[i];
+                    sum = std::array::from_fn(|c| sum[c] + pixel[c]);
+                    count += 1.0;
+                }
+            }
+            out.extend(sum.map(|v| f16::from_f32((v / count.max(1.0)).min(60_000.0))));
+        }
+    }
+    out
+}
+
+/// The blocks, one to a degree and row-major, that take coefficients from the upright frame into world.
+fn world_from_upright(volume: &Volume, bands: usize) -> Result<Vec<Vec<f64>>> {
+    let upright = Orientation::new(crate::geom::Up::Z, 0.0)?;
+    let standing = Orientation::new(volume.up, 0.0)?;
+    let rotation = Rotation::new(bands.min(MAX_BANDS), &(standing.world_from_probe() * upright.probe_from_world()))?;
+    Ok((0..rotation.bands()).map(|l| rotation.block(l).to_vec()).collect())
+}
+
+/// Colour scales in sRGB, as hexadecimal digits.
+fn colormaps() -> Result<Value> {
+    let mut maps = Map::new();
+    for name in Colormap::names() {
+        let map = Colormap::named(name)?;
+        let digits = |i: usize| {
+            let [r, g, b] = map.linear(i as f64 / (COLORMAP_ENTRIES - 1) as f64).map(byte_from_linear);
+            format!("{r:02x}{g:02x}{b:02x}")
+        };
+        maps.insert(name.into(), (0..COLORMAP_ENTRIES).map(digits).collect::<String>().into());
+    }
+    Ok(maps.into())
+}

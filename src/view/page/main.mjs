@@ -1,0 +1,517 @@
+// The page: what is shown, what the controls say, and what a change makes stale.
+
+import { OPEN_BY_DEGREE, applyBlocks, openRadiance, projectLatLong, rotateAboutZ } from "./sh.mjs";
+import { decodeRadiance } from "./radiance.mjs";
+import { decodeOpenExr } from "./openexr.mjs";
+import { counters, isSelfContained, loadPackage, request, section } from "./data.mjs";
+import { MODES } from "./shaders.mjs";
+import { Renderer } from "./renderer.mjs";
+import { times } from "./camera.mjs";
+
+const $ = (id) => document.getElementById(id);
+const START = { azimuth: 35, elevation: 25, zoom: 1, panX: 0, panY: 0 };
+const VIEWS = {
+  light: ["Light", ""],
+  normal: ["Normals", "The direction of the surface in world: x red, y green, z blue."],
+  error: ["Error of the bake", "Relative standard error under constant light: black 0, blue 5 %, orange 10 %, white 20 % and more."],
+  lookup: ["How light was looked up", "Green: all eight texels. Yellow: some have no level set. Orange: those around. Red: none, light without shadows."],
+};
+// Longest pause between a change and the fine picture, and what a frame under the hand may take, in milliseconds.
+const IDLE = 160, SMOOTH = 45, PATIENT = 2500;
+
+const state = {
+  ...START, isovalue: 0, perspective: false, environment: 0, rotation: 0, exposure: 0, autoExposure: true,
+  albedo: 0.7, colour: "", mode: "light", background: "theme", layers: [], bands: [], fixedSize: null,
+};
+let header, data, renderer, probes = [];
+let lightIsStale = true, exposureIsStale = true, frameIsDue = false, idleTimer = 0, scale = 1, coarse = false;
+
+/** Changes the state and lets a frame follow. */
+function update(change) {
+  Object.assign(state, change);
+  const touches = (...names) => names.some((n) => n in change);
+  const recolours = state.colour !== "" && touches("isovalue");
+  if (touches("environment", "rotation", "albedo", "colour", "layers", "bands") || recolours) lightIsStale = true;
+  if (touches("environment", "albedo", "colour", "isovalue", "autoExposure")) exposureIsStale = true;
+  if (touches("environment")) showSky();
+  showState();
+  if (state.fixedSize) return; // who fixes the size draws by hand
+  coarse = true;
+  schedule();
+  clearTimeout(idleTimer);
+  idleTimer = setTimeout(() => { coarse = false; schedule(); }, IDLE);
+}
+
+function schedule() {
+  if (frameIsDue) return;
+  frameIsDue = true;
+  requestAnimationFrame(() => { frameIsDue = false; drawFrame(); });
+}
+
+/** Linear albedo of the surface shown. */
+function albedoNow() {
+  if (state.colour === "") return [state.albedo, state.albedo, state.albedo];
+  const [low, high] = header.volume.range;
+  const t = Math.min(1, Math.max(0, (state.isovalue - low) / (high - low || 1)));
+  const at = 6 * Math.round(t * 255);
+  const linear = (byte) => (byte <= 10 ? byte / 255 / 12.92 : ((byte / 255 + 0.055) / 1.055) ** 2.4);
+  return [0, 2, 4].map((o) => state.albedo * linear(parseInt(header.colormaps[state.colour].slice(at + o, at + o + 2), 16)));
+}
+
+/** Coefficients of the light in world, red, green, blue side by side. */
+function coefficientsInWorld(probe = probes[state.environment], degrees = state.rotation) {
+  const most = Math.max(...header.texture.bands);
+  return applyBlocks(header.world_from_upright, rotateAboutZ(probe.coefficients, most, degrees), most);
+}
+
+/** What the GPU needs of the light: a few hundred numbers. */
+function lightForGpu() {
+  counters.coefficientUpdates++;
+  const { bands, scales } = header.texture;
+  const most = Math.max(...bands);
+  const world = coefficientsInWorld();
+  for (let l = 0; l < most; l++) if (!state.bands[l]) world.fill(0, 3 * l * l, 3 * (l + 1) * (l + 1));
+  const mean = (probes[state.environment].coefficients[0] + probes[state.environment].coefficients[1] + probes[state.environment].coefficients[2]) / 3 * 0.2820948;
+  const norm = mean > 0 ? mean : 1;
+  const albedo = albedoNow();
+  const count = bands.reduce((sum, b) => sum + b * b, 0);
+  const weights = new Float32Array(4 * count);
+  let at = 0;
+  bands.forEach((b, k) => {
+    weights[4 * at + 3] = Math.sqrt(4 * Math.PI) * scales[at];
+    for (let i = 0; i < b * b; i++, at++) {
+      for (let c = 0; c < 3; c++) weights[4 * at + c] = (albedo[c] ** (k + 1) * world[3 * i + c] * scales[at]) / norm;
+    }
+  });
+  const open = new Float32Array(75);
+  for (let i = 0; i < Math.min(25, most * most); i++) {
+    const factor = (state.layers[0] ? OPEN_BY_DEGREE[Math.floor(Math.sqrt(i))] : 0) / norm;
+    for (let c = 0; c < 3; c++) open[3 * i + c] = factor * world[3 * i + c];
+  }
+  // Cut faces: half of what an open surface there would send, as the program shades them.
+  const cut = [];
+  const g = renderer.placement.inverse;
+  for (let face = 0; face < 6; face++) {
+    const row = g.slice(3 * (face >> 1), 3 * (face >> 1) + 3);
+    const length = Math.hypot(...row) * (face & 1 ? 1 : -1);
+    const lit = openRadiance(world, most, row.map((v) => v / length));
+    for (let c = 0; c < 3; c++) cut.push(state.layers[0] ? (0.5 * albedo[c] * Math.max(lit[c], 0)) / norm : 0);
+  }
+  return { weights, norm, albedo, shown: state.layers.map(Number), open, cut };
+}
+
+/** The exposure at which the 99th percentile of the brightest channel of what is in view is white. */
+function automaticExposure() {
+  const numbers = renderer.read(view(), 160, 120, MODES.radiance);
+  const largest = [];
+  for (let i = 0; i < numbers.length; i += 4) {
+    if (numbers[i + 3] > 0) largest.push(Math.max(numbers[i], numbers[i + 1], numbers[i + 2]));
+  }
+  largest.sort((a, b) => a - b);
+  const white = largest[Math.round((largest.length - 1) * 0.99)];
+  return white > 0 ? -Math.log2(white * renderer.norm) : state.exposure;
+}
+
+/** The state as the renderer takes it. */
+function view() {
+  const colours = { white: [1, 1, 1, 1], black: [0, 0, 0, 1], environment: [0, 0, 0, 0] };
+  // #1b1f24 and #f6f7f9 of the style, linear.
+  const theme = document.documentElement.classList.contains("light") ? [0.922, 0.93, 0.947, 1] : [0.0110, 0.0137, 0.0176, 1];
+  return { ...state, background: colours[state.background] ?? theme };
+}
+
+function drawFrame() {
+  const canvas = renderer.canvas;
+  const start = performance.now();
+  if (lightIsStale) renderer.contract(lightForGpu());
+  lightIsStale = false;
+  if (state.autoExposure && exposureIsStale && !coarse) {
+    state.exposure = automaticExposure();
+    exposureIsStale = false;
+    showState();
+  }
+  const box = $("stage").getBoundingClientRect();
+  const ratio = window.devicePixelRatio || 1;
+  const [width, height] = state.fixedSize ?? [box.width * ratio, box.height * ratio];
+  const factor = coarse && !state.fixedSize ? scale : 1;
+  const size = [width, height].map((v) => Math.max(1, Math.round(v * factor)));
+  if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
+  // Four rays a pixel where that is no wait.
+  const isPatient = (timePerPixel * width * height * 4 < PATIENT) || state.fixedSize;
+  renderer.show(view(), MODES[state.mode], !coarse && isPatient ? 2 : 1);
+  if (coarse) {
+    renderer.finish();
+    const took = performance.now() - start;
+    timePerPixel = took / (size[0] * size[1]);
+    scale = Math.min(1, Math.max(0.15, scale * Math.sqrt(SMOOTH / Math.max(took, 1))));
+  }
+  showBar();
+  showCounters();
+}
+let timePerPixel = 1e-3;
+
+// --- environments ---
+
+function showSky() {
+  const probe = probes[state.environment];
+  renderer.setSky(probe.size[0], probe.size[1], probe.picture);
+}
+
+/** Adds an environment of linear radiance (lat-long) and shows it. */
+function addProbe(name, { width, height, rgb }) {
+  const coefficients = projectLatLong(width, height, rgb, Math.max(...header.texture.bands));
+  probes.push({ name, coefficients, ...smallPicture(width, height, rgb), relativeError: null });
+  $("environment").add(new Option(name, probes.length - 1));
+  $("environment").value = probes.length - 1;
+  update({ environment: probes.length - 1 });
+}
+
+function smallPicture(width, height, rgb) {
+  const size = [Math.min(128, width), Math.min(64, height)];
+  const picture = new Uint16Array(3 * size[0] * size[1]);
+  for (let y = 0; y < size[1]; y++) {
+    for (let x = 0; x < size[0]; x++) {
+      const from = [Math.floor((x * width) / size[0]), Math.floor((y * height) / size[1])];
+      const to = [Math.floor(((x + 1) * width) / size[0]), Math.floor(((y + 1) * height) / size[1])];
+      for (let c = 0; c < 3; c++) {
+        let sum = 0;
+        for (let j = from[1]; j < to[1]; j++) for (let i = from[0]; i < to[0]; i++) sum += Math.max(0, rgb[3 * (i + width * j) + c] || 0);
+        picture[3 * (x + size[0] * y) + c] = halfFromNumber(sum / ((to[0] - from[0]) * (to[1] - from[1])));
+      }
+    }
+  }
+  return { size, picture };
+}
+
+/** A positive number as half float, rounded down. */
+function halfFromNumber(value) {
+  if (!(value > 6.2e-5)) return 0;
+  const exponent = Math.floor(Math.log2(Math.min(value, 65000)));
+  return ((exponent + 15) << 10) | Math.floor((Math.min(value, 65000) / 2 ** exponent - 1) * 1024);
+}
+
+/** Reads a dropped file: in the page where it can be, else with the program's help. */
+async function openFile(file) {
+  const bytes = new Uint8Array(await file.arrayBuffer());
+  const name = file.name.replace(/\.[^.]*$/, "");
+  try {
+    const isExr = bytes[0] === 0x76 && bytes[1] === 0x2f;
+    let image;
+    try {
+      image = isExr ? await decodeOpenExr(bytes) : decodeRadiance(bytes);
+    } catch (error) {
+      if (isSelfContained()) throw error;
+      const answer = await request(`probe?name=${encodeURIComponent(file.name)}`, { method: "POST", body: bytes });
+      const [width, height] = answer.headers.get("x-image-size").split("x").map(Number);
+      image = { width, height, rgb: new Float32Array(await answer.arrayBuffer()) };
+    }
+    if (Math.abs(image.width / image.height - 2) > 0.02) {
+      say(`${file.name} is ${image.width} × ${image.height}; it is taken as latitude-longitude, which is 2 : 1`);
+    } else say("");
+    addProbe(name, image);
+  } catch (error) {
+    say(`${file.name}: ${error.message}`);
+  }
+}
+
+// --- what the page says ---
+
+function say(text) {
+  $("message").textContent = text;
+  $("message").hidden = text === "";
+}
+
+/** A number in as few digits as tell it. */
+function short(value, digits = 4) {
+  return String(Number(value.toPrecision(digits)));
+}
+
+function percent(value) {
+  return value === null || !Number.isFinite(value) ? "unknown" : `${(100 * value).toPrecision(2)} %`;
+}
+
+function showState() {
+  const probe = probes[state.environment];
+  const turned = Math.round(state.rotation);
+  $("shown").textContent =
+    `isovalue ${short(state.isovalue)} · ${probe.name}${turned ? ` turned ${turned}°` : ""} · ` +
+    (state.colour ? state.colour : `albedo ${short(state.albedo)}`) + ` · ${state.exposure >= 0 ? "+" : "−"}${Math.abs(state.exposure).toFixed(2)} EV` +
+    (state.mode === "light" ? "" : ` · ${VIEWS[state.mode][0].toLowerCase()}`);
+  // Not under the hand of someone who types.
+  if ($("isovalueNumber") !== document.activeElement) $("isovalueNumber").value = short(state.isovalue, 6);
+  $("isovalue").value = sliderFromIsovalue(state.isovalue);
+  $("isovalue").setAttribute("aria-valuetext", short(state.isovalue));
+  $("albedo").value = state.albedo;
+  $("rotation").value = turned;
+  $("exposure").value = state.exposure;
+  $("albedoText").textContent = state.albedo.toFixed(2);
+  $("rotationText").textContent = `${turned}°`;
+  $("exposureText").textContent = `${state.exposure.toFixed(2)} EV`;
+  $("autoExposure").checked = state.autoExposure;
+  $("perspective").checked = state.perspective;
+  $("environment").value = state.environment;
+  const held = header.isovalues;
+  const step = (header.volume.range[1] - header.volume.range[0]) * 1e-3;
+  $("heldNote").hidden = held === null || held.some((v) => Math.abs(v - state.isovalue) <= step);
+  if (held) $("heldNote").textContent = `Baked for ${held.map((v) => short(v)).join(", ")} only: elsewhere light is partly without shadows.`;
+  const [light, error] = probe.relativeError === null ? ["constant light", header.constant_error] : [probe.name, probe.relativeError];
+  $("errorNote").textContent = `Standard error of the bake under ${light} at albedo ${short(header.albedo, 2)}: ` +
+    `${percent(error)} of the mean radiance (RMS over all texels).`;
+  $("legend").textContent = VIEWS[state.mode][1];
+  $("legend").hidden = VIEWS[state.mode][1] === "";
+  $("canvas").setAttribute("aria-label", `${header.name}: ${$("shown").textContent}`);
+}
+
+function showCounters() {
+  $("counters").textContent =
+    `Since loading: ${counters.requests} requests, ${counters.texelsTouched.toLocaleString("en")} texels through the CPU, ` +
+    `${counters.coefficientUpdates} changes of light (${Math.max(...header.texture.bands) ** 2} × 3 coefficients each), ` +
+    `${counters.contractions} contractions on the GPU, ${counters.frames} frames.`;
+}
+
+/** A bar of a round length in the file's unit. */
+function showBar() {
+  const { unit } = header.volume;
+  const height = renderer.lastRays.unitsPerPixelHeight;
+  const perPixel = height / $("stage").clientHeight;
+  const power = 10 ** Math.floor(Math.log10(perPixel * 140));
+  const length = [5, 2, 1].map((f) => f * power).find((v) => v <= perPixel * 140) ?? power;
+  $("barLine").style.width = `${length / perPixel}px`;
+  const names = [[1e-10, "Å"], [1e-9, "nm"], [1e-6, "µm"], [1e-3, "mm"], [1e-2, "cm"], [1, "m"]];
+  const known = unit && names.find(([m]) => Math.abs(unit / m - 1) < 1e-9);
+  $("barText").textContent = `${short(length)} ${known ? known[1] : unit ? `× ${short(unit)} m` : "units"}`;
+}
+
+// --- the isovalue slider: by value, or by share of the volume ---
+
+function isovalueFromSlider(position) {
+  const { range, quantiles } = header.volume;
+  const t = position / 1000;
+  let value = range[0] + t * (range[1] - range[0]);
+  if ($("byQuantile").checked) {
+    const at = t * (quantiles.length - 1), i = Math.min(Math.floor(at), quantiles.length - 2);
+    value = quantiles[i] + (at - i) * (quantiles[i + 1] - quantiles[i]);
+  }
+  return value;
+}
+
+function sliderFromIsovalue(value) {
+  const { range, quantiles } = header.volume;
+  if (!$("byQuantile").checked) return (1000 * (value - range[0])) / (range[1] - range[0] || 1);
+  let i = quantiles.findIndex((q) => q > value);
+  if (i < 0) return 1000;
+  if (i === 0) return 0;
+  i--;
+  return (1000 * (i + (value - quantiles[i]) / (quantiles[i + 1] - quantiles[i] || 1))) / (quantiles.length - 1);
+}
+
+function clampIsovalue(value) {
+  const [low, high] = header.volume.range;
+  return Math.min(high, Math.max(low, value));
+}
+
+/** How often values occur, on a logarithmic scale. */
+function showHistogram() {
+  const { range, quantiles } = header.volume;
+  const canvas = $("histogram"), pen = canvas.getContext("2d");
+  const bins = new Float64Array(73);
+  const share = 1 / (quantiles.length - 1);
+  const isQuantile = $("byQuantile").checked;
+  for (let i = 0; i + 1 < quantiles.length; i++) {
+    // The share between two quantiles, spread over the bins between them.
+    const from = ((quantiles[i] - range[0]) / (range[1] - range[0] || 1)) * bins.length;
+    const to = ((quantiles[i + 1] - range[0]) / (range[1] - range[0] || 1)) * bins.length;
+    const first = Math.min(bins.length - 1, Math.floor(from)), last = Math.min(bins.length - 1, Math.floor(to));
+    for (let b = first; b <= last; b++) {
+      const part = to > from ? (Math.min(to, b + 1) - Math.max(from, b)) / (to - from) : 1 / (last - first + 1);
+      bins[b] += share * Math.max(part, 0);
+    }
+  }
+  const most = Math.max(...bins);
+  pen.clearRect(0, 0, canvas.width, canvas.height);
+  pen.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--line");
+  bins.forEach((v, b) => {
+    const height = isQuantile ? 0 : (canvas.height * Math.log1p(2000 * (v / most))) / Math.log1p(2000);
+    pen.fillRect((b * canvas.width) / bins.length, canvas.height - height, canvas.width / bins.length - 1, height);
+  });
+}
+
+// --- controls ---
+
+function connectControls() {
+  $("title").textContent = header.name;
+  document.title = `${header.name} · isolume`;
+  const { range } = header.volume;
+  $("rangeLow").textContent = short(range[0]);
+  $("rangeHigh").textContent = short(range[1]);
+  $("isovalueNumber").min = range[0];
+  $("isovalueNumber").max = range[1];
+  probes.forEach((p, i) => $("environment").add(new Option(p.name, i)));
+  $("colour").add(new Option("grey", ""));
+  Object.keys(header.colormaps).forEach((name) => $("colour").add(new Option(name, name)));
+  Object.entries(VIEWS).forEach(([mode, [name]]) => $("mode").add(new Option(name, mode)));
+  for (const [term, text] of header.about) {
+    $("about").append(Object.assign(document.createElement("dt"), { textContent: term }));
+    $("about").append(Object.assign(document.createElement("dd"), { textContent: text }));
+  }
+  const on = (id, event, act) => $(id).addEventListener(event, act);
+  on("isovalue", "input", (e) => update({ isovalue: isovalueFromSlider(Number(e.target.value)) }));
+  on("isovalueNumber", "change", (e) => {
+    if (Number.isFinite(e.target.valueAsNumber)) update({ isovalue: clampIsovalue(e.target.valueAsNumber) });
+  });
+  on("byQuantile", "change", () => { showHistogram(); showState(); });
+  on("colour", "change", (e) => update({ colour: e.target.value }));
+  on("albedo", "input", (e) => update({ albedo: Number(e.target.value) }));
+  on("environment", "change", (e) => update({ environment: Number(e.target.value) }));
+  on("rotation", "input", (e) => update({ rotation: Number(e.target.value) }));
+  on("exposure", "input", (e) => update({ exposure: Number(e.target.value), autoExposure: false }));
+  on("autoExposure", "change", (e) => update({ autoExposure: e.target.checked }));
+  on("mode", "change", (e) => update({ mode: e.target.value }));
+  on("background", "change", (e) => update({ background: e.target.value }));
+  on("perspective", "change", (e) => update({ perspective: e.target.checked }));
+  on("open", "click", () => $("file").click());
+  on("file", "change", (e) => [...e.target.files].forEach(openFile));
+  on("theme", "click", () => setTheme(!document.documentElement.classList.contains("light")));
+  on("save", "click", save);
+  on("measure", "click", measure);
+  toggles("layers", header.texture.bands.map((_, k) => (k === 0 ? "direct" : k === 1 ? "1 bounce" : `${k} bounces`)).concat("beyond"));
+  toggles("bands", header.world_from_upright.map((_, l) => `l = ${l}`));
+  addEventListener("resize", () => update({}));
+}
+
+/** A check box for each entry of a list of the state. */
+function toggles(name, labels) {
+  if (name === "layers" && labels.length === 2) labels.pop(); // one layer has no tail
+  state[name] = labels.map(() => true);
+  if (name === "layers" && header.texture.bands.length === 1) state.layers.push(false);
+  labels.forEach((text, i) => {
+    const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: true });
+    box.addEventListener("change", () => update({ [name]: state[name].map((v, j) => (i === j ? box.checked : v)) }));
+    const label = document.createElement("label");
+    label.append(box, ` ${text}`);
+    $(name).append(label);
+  });
+}
+
+function setTheme(isLight) {
+  document.documentElement.classList.toggle("light", isLight);
+  $("theme").textContent = isLight ? "Dark page" : "Light page";
+  showHistogram();
+  update({});
+}
+
+function save() {
+  coarse = false;
+  drawFrame();
+  const link = Object.assign(document.createElement("a"), { href: renderer.canvas.toDataURL("image/png") });
+  link.download = `${header.name}-${short(state.isovalue)}-${probes[state.environment].name}.png`;
+  link.click();
+}
+
+function measure() {
+  coarse = false;
+  drawFrame();
+  const found = renderer.measure(view(), 3);
+  const start = performance.now();
+  renderer.contract(lightForGpu());
+  renderer.finish();
+  found.contraction = performance.now() - start;
+  $("speed").textContent =
+    `${found.fetchesPerPixel.toFixed(1)} texture fetches a pixel (${found.fetchesPerCoveredPixel.toFixed(1)} on the surface), ` +
+    `${(found.fetchesPerFrame / 1e6).toFixed(1)} million a frame; ${found.milliseconds.toFixed(1)} ms for ` +
+    `${found.pixels.join(" × ")} pixels, median of 3; ${found.contraction.toFixed(1)} ms to change the light (${found.renderer}).`;
+  return found;
+}
+
+/** Drag, wheel, keys and drops. */
+function connectStage() {
+  const canvas = $("canvas"), stage = $("stage");
+  const pointers = new Map();
+  let spread = 0;
+  canvas.addEventListener("pointerdown", (e) => {
+    canvas.setPointerCapture(e.pointerId);
+    pointers.set(e.pointerId, e);
+  });
+  const release = (e) => { pointers.delete(e.pointerId); spread = 0; };
+  canvas.addEventListener("pointerup", release);
+  canvas.addEventListener("pointercancel", release);
+  canvas.addEventListener("pointermove", (e) => {
+    const before = pointers.get(e.pointerId);
+    if (!before) return;
+    const [dx, dy] = [e.clientX - before.clientX, e.clientY - before.clientY];
+    pointers.set(e.pointerId, e);
+    if (pointers.size === 2) {
+      const [a, b] = [...pointers.values()];
+      const now = Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY);
+      if (spread > 0) zoomBy(now / spread);
+      spread = now;
+    } else if (e.shiftKey || e.ctrlKey || e.altKey) turnLight(dx * 0.5);
+    else if (e.buttons & 6) {
+      const half = stage.clientHeight / 2;
+      update({ panX: state.panX + dx / half, panY: state.panY - dy / half });
+    } else turnView(-dx * 0.4, dy * 0.4);
+  });
+  canvas.addEventListener("contextmenu", (e) => e.preventDefault());
+  canvas.addEventListener("wheel", (e) => { e.preventDefault(); zoomBy(Math.exp(-e.deltaY * 0.0012)); }, { passive: false });
+  canvas.addEventListener("keydown", (e) => {
+    const step = (header.volume.range[1] - header.volume.range[0]) / 200;
+    const acts = {
+      ArrowLeft: () => (e.shiftKey ? turnLight(-5) : turnView(-5, 0)), ArrowRight: () => (e.shiftKey ? turnLight(5) : turnView(5, 0)),
+      ArrowUp: () => turnView(0, 5), ArrowDown: () => turnView(0, -5), "+": () => zoomBy(1.1), "=": () => zoomBy(1.1), "-": () => zoomBy(1 / 1.1),
+      "[": () => update({ isovalue: clampIsovalue(state.isovalue - step) }), "]": () => update({ isovalue: clampIsovalue(state.isovalue + step) }),
+      Home: () => update({ ...START, rotation: 0 }),
+    };
+    if (acts[e.key] && !e.metaKey) { e.preventDefault(); acts[e.key](); }
+  });
+  const isFile = (e) => [...(e.dataTransfer?.types ?? [])].includes("Files");
+  addEventListener("dragover", (e) => { if (isFile(e)) { e.preventDefault(); $("drop").hidden = false; } });
+  addEventListener("dragleave", (e) => { if (!e.relatedTarget) $("drop").hidden = true; });
+  addEventListener("drop", (e) => {
+    e.preventDefault();
+    $("drop").hidden = true;
+    [...e.dataTransfer.files].forEach(openFile);
+  });
+}
+
+function turnView(azimuth, elevation) {
+  update({ azimuth: (state.azimuth + azimuth) % 360, elevation: Math.min(90, Math.max(-90, state.elevation + elevation)) });
+}
+
+function turnLight(degrees) {
+  update({ rotation: ((state.rotation + degrees + 540) % 360) - 180 });
+}
+
+function zoomBy(factor) {
+  update({ zoom: Math.min(40, Math.max(0.2, state.zoom * factor)) });
+}
+
+async function start() {
+  data = await loadPackage();
+  header = data.header;
+  probes = header.probes.map((p, i) => ({
+    name: p.name, coefficients: Float64Array.from(p.coefficients), size: p.size, relativeError: p.relative_error,
+    picture: Uint16Array.from(section(data, `picture.${i}`, Uint16Array)),
+  }));
+  renderer = new Renderer($("canvas"), data);
+  data.payload = null; // it is on the GPU now
+  state.isovalue = header.isovalue;
+  state.albedo = Number(header.albedo.toPrecision(3));
+  if (matchMedia("(prefers-color-scheme: light)").matches) document.documentElement.classList.add("light");
+  connectControls();
+  connectStage();
+  setTheme(document.documentElement.classList.contains("light"));
+  showSky();
+  update({ isovalue: state.isovalue });
+  // For tests and for the curious.
+  window.isolume = {
+    state, update, counters, header, renderer, view, measure, openFile, coefficientsInWorld, setTheme,
+    /** Draws at once, at full quality. */
+    draw() { coarse = false; drawFrame(); },
+  };
+}
+
+start().catch((error) => {
+  say(error.message);
+  $("shown").textContent = "";
+  throw error;
+});

@@ -1,0 +1,102 @@
+//! Transfer of the texels that have a level set, on the texture's lattice or on a coarser one.
+
+use crate::error::Result;
+use crate::transfer::{BRICK, BrickSource, BrickView, Lattice, Layout, validity};
+use half::slice::HalfFloatSliceExt;
+
+/// A coarser texel is valid from this share of valid weight on: below, it would be the noise of a few.
+const LEAST_SHARE: f32 = 0.25;
+
+/// A texture with all its bricks at hand.
+pub(super) struct Texels<'a> {
+    layout: &'a Layout,
+    bricks: Vec<Option<BrickView<'a>>>,
+}
+
+/// Which texels of an axis a coarser texel takes, and how much of each.
+type Taps = Vec<Vec<(usize, f32)>>;
+
+/// The tent of [`Texels::visit_valid`] along one axis: as wide as a step of the target, at least one of the source.
+pub(super) fn taps(source: usize, target: usize) -> Taps {
+    let step = if target < 2 { 0.0 } else { (source - 1) as f64 / (target - 1) as f64 };
+    let radius = step.max(1.0);
+    (0..target)
+        .map(|i| {
+            let at = i as f64 * step;
+            let first = (at - radius).ceil().max(0.0) as usize;
+            let last = ((at + radius).floor() as usize).min(source - 1);
+            let weight = |j: usize| (1.0 - (j as f64 - at).abs() / radius) as f32;
+            (first..=last).map(|j| (j, weight(j))).filter(|(_, w)| *w > 1e-6).collect()
+        })
+        .collect()
+}
+
+/// Resolution with the longest side reduced to `side`; the same where it fits already.
+pub(super) fn reduced(dims: [usize; 3], side: usize) -> [usize; 3] {
+    let longest = dims.into_iter().max().unwrap_or(1);
+    if longest <= side {
+        return dims;
+    }
+    let ratio = (side.max(2) - 1) as f64 / (longest - 1) as f64;
+    dims.map(|n| if n == 1 { 1 } else { (((n - 1) as f64 * ratio).round() as usize + 1).clamp(2, n) })
+}
+
+impl<'a> Texels<'a> {
+    pub(super) fn gather(source: &'a dyn BrickSource) -> Result<Self> {
+        let layout = source.layout();
+        let [bx, by, bz] = layout.lattice.bricks();
+        let index = |i: usize| [i % bx, i / bx % by, i / bx / by];
+        let bricks = (0..bx * by * bz).map(|i| source.brick(index(i))).collect::<Result<_>>()?;
+        Ok(Self { layout, bricks })
+    }
+
+    /// Bricks (x fastest, ascending) in which something is baked.
+    pub(super) fn baked_bricks(&self) -> Vec<[usize; 3]> {
+        let [bx, by, _] = self.layout.lattice.bricks();
+        let index = |i: usize| [i % bx, i / bx % by, i / bx / by];
+        self.bricks.iter().enumerate().filter(|(_, b)| b.is_some()).map(|(i, _)| index(i)).collect()
+    }
+
+    fn transfer(&self, texel: [usize; 3]) -> Option<&[half::f16]> {
+        let [bx, by, _] = self.layout.lattice.bricks();
+        let brick = self.bricks[texel[0] / BRICK + bx * (texel[1] / BRICK + by * (texel[2] / BRICK))].as_ref()?;
+        let inner = texel[0] % BRICK + BRICK * (texel[1] % BRICK + BRICK * (texel[2] % BRICK));
+        let n = self.layout.layers.coefficients();
+        (brick.validity[inner] & validity::VALID != 0).then(|| &brick.transfer[inner * n..(inner + 1) * n])
+    }
+
+    /// Hands out every valid texel of `target`, x fastest: its number in the lattice, and its transfer.
+    ///
+    /// On the texture's own lattice these are the stored numbers; on a coarser one the mean over the valid texels
+    /// around, weighted by a tent.
+    pub(super) fn visit_valid(&self, target: Lattice, visit: &mut dyn FnMut(usize, &[f32])) {
+        let (from, to) = (self.layout.lattice.texels(), target.texels());
+        let axes: [Taps; 3] = std::array::from_fn(|a| taps(from[a], to[a]));
+        let n = self.layout.layers.coefficients();
+        let (mut sum, mut texel) = (vec![0.0f32; n], vec![0.0f32; n]);
+        for (z, in_z) in axes[2].iter().enumerate() {
+            for (y, in_y) in axes[1].iter().enumerate() {
+                for (x, in_x) in axes[0].iter().enumerate() {
+                    sum.fill(0.0);
+                    let (mut valid, mut all) = (0.0f32, 0.0f32);
+                    for &(k, wz) in in_z {
+                        for &(j, wy) in in_y {
+                            for &(i, wx) in in_x {
+                                let weight = wx * wy * wz;
+                                all += weight;
+                                let Some(stored) = self.transfer([i, j, k]) else { continue };
+                                stored.convert_to_f32_slice(&mut texel);
+                                sum.iter_mut().zip(&texel).for_each(|(s, t)| *s += weight * t);
+                                valid += weight;
+                            }
+                        }
+                    }
+                    if valid > 0.0 && valid >= LEAST_SHARE * all {
+                        sum.iter_mut().for_each(|s| *s /= valid);
+                        visit(x + to[0] * (y + to[1] * z), &sum);
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,295 @@
+// The live page in headless Chromium, against the program's own pictures of the same view.
+//
+//   node tests/browser/view.mjs ISOLUME STORE... 
+//
+// ISOLUME is the program, STORE what `isolume bake` made (all isovalues). Needs Chromium ($CHROMIUM, default
+// /usr/bin/chromium) and playwright-core (in $ISOLUME_NPM, default target/npm). Draws in software, so it needs no GPU.
+// Screenshots go to target/browser/. Exit code 0: everything holds; 1: something does not, and says what.
+
+import { execFileSync, spawn } from "node:child_process";
+import { existsSync, readFileSync, statSync } from "node:fs";
+import { basename, join } from "node:path";
+import { pathToFileURL } from "node:url";
+import { check, dropFile, finish, launch, out, root } from "./common.mjs";
+
+const [program, ...stores] = process.argv.slice(2);
+const SIZE = [480, 360];
+const MOST_DIFFERENCE = 2; // of 255, mean over covered pixels outside silhouettes
+
+/** Serves a store; gives the address and how to end it. */
+async function serve(store, ...options) {
+  const server = spawn(program, ["view", store, ...options], { stdio: ["ignore", "pipe", "inherit"] });
+  const address = await new Promise((found, failed) => {
+    let text = "";
+    server.stdout.on("data", (d) => {
+      text += d;
+      const match = text.match(/http:\/\/127\.0\.0\.1:\d+\//);
+      if (match) found(match[0]);
+    });
+    server.on("exit", (code) => failed(new Error(`isolume view ended with ${code}`)));
+  });
+  return { address, end: () => server.kill() };
+}
+
+/** The program's picture of a view, as RGBA bytes read back in the page. */
+function pictureOfProgram(store, name, { isovalue, env, rotation, albedo, exposure, azimuth, elevation, more = [] }) {
+  const file = join(out, `${name}-program.png`);
+  const options = ["relight", store, "-q", "--isovalue", isovalue, "--env", env, "--env-rotate", rotation, "--exposure", exposure,
+    "--view", `${azimuth},${elevation}`, "--frame", "box", "--size", SIZE.join("x"), "--background", "transparent", "-o", file, ...more];
+  execFileSync(program, (more.length ? options : [...options, "--albedo", albedo]).map(String), { stdio: ["ignore", "ignore", "inherit"] });
+  return `data:image/png;base64,${readFileSync(file).toString("base64")}`;
+}
+
+/** In the page: sets a state, draws, and compares with a picture. */
+async function difference(page, change, picture) {
+  return page.evaluate(async ([change, picture, size]) => {
+    const { isolume } = window;
+    isolume.update({ ...change, background: "black", fixedSize: size, autoExposure: false });
+    isolume.draw();
+    const [width, height] = size;
+    const pixels = async (source) => {
+      const canvas = new OffscreenCanvas(width, height);
+      const pen = canvas.getContext("2d", { willReadFrequently: true });
+      pen.drawImage(source, 0, 0);
+      return pen.getImageData(0, 0, width, height).data;
+    };
+    const image = new Image();
+    image.src = picture;
+    await image.decode();
+    const ours = await pixels(isolume.renderer.canvas), theirs = await pixels(image);
+    const depth = isolume.renderer.read(isolume.view(), width, height, 2);
+    const rays = isolume.renderer.lastRays;
+    const pixelsDeep = (Math.hypot(...rays.direction) / rays.unitsPerPixelHeight) * height;
+    const at = (x, y) => depth[4 * (x + width * (height - 1 - y))] * pixelsDeep;
+    const isCovered = (x, y) => depth[4 * (x + width * (height - 1 - y)) + 2] > 0 && theirs[4 * (x + width * y) + 3] === 255;
+    let sum = 0, count = 0, covered = 0, disagree = 0, worst = 0;
+    for (let y = 2; y < height - 2; y++) {
+      for (let x = 2; x < width - 2; x++) {
+        const both = [depth[4 * (x + width * (height - 1 - y)) + 2] > 0, theirs[4 * (x + width * y) + 3] > 127];
+        if (both[0] !== both[1]) disagree++;
+        if (!isCovered(x, y)) continue;
+        covered++;
+        // A silhouette: within two pixels of an edge, or of a jump in depth steeper than 81 degrees.
+        let isInside = true;
+        for (let j = -2; j <= 2 && isInside; j++)
+          for (let i = -2; i <= 2 && isInside; i++)
+            isInside = isCovered(x + i, y + j) && (i === 2 || (isCovered(x + i + 1, y + j) && Math.abs(at(x + i + 1, y + j) - at(x + i, y + j)) < 6))
+              && (j === 2 || (isCovered(x + i, y + j + 1) && Math.abs(at(x + i, y + j + 1) - at(x + i, y + j)) < 6));
+        if (!isInside) continue;
+        for (let c = 0; c < 3; c++) {
+          const d = Math.abs(ours[4 * (x + width * y) + c] - theirs[4 * (x + width * y) + c]);
+          sum += d;
+          worst = Math.max(worst, d);
+        }
+        count++;
+      }
+    }
+    return { mean: sum / (3 * count), worst, count, covered, disagree };
+  }, [change, picture, SIZE]);
+}
+
+/** Drops a file onto the page, as a hand would. */
+async function drop(page, path) {
+  const before = await page.evaluate(() => document.getElementById("environment").options.length);
+  await dropFile(page, path);
+  await page.waitForFunction((n) => document.getElementById("environment").options.length > n || !document.getElementById("message").hidden, before);
+}
+
+const counters = (page) => page.evaluate(() => ({ ...window.isolume.counters }));
+
+const browser = await launch();
+
+async function open(address, viewport = { width: 1100, height: 720 }) {
+  const page = await browser.newPage({ viewport });
+  page.requests = [];
+  page.on("request", (r) => { if (!/^(data|blob):/.test(r.url())) page.requests.push(r.url()); });
+  page.on("pageerror", (e) => check(false, `no error in the page: ${e.message}`));
+  // 415 is the program's answer to a file that is no environment.
+  page.on("console", (m) => { if (m.type() === "error" && !/status of 415/.test(m.text())) check(false, `no error on the console: ${m.text()}`); });
+  await page.goto(address);
+  await page.waitForFunction(() => window.isolume || !document.getElementById("message").hidden, null, { timeout: 180000 });
+  return page;
+}
+
+const DROPPED = join(root, "probes/light/sunset.hdr");
+
+for (const store of stores) {
+  const name = basename(store).replace(/\..*/, "");
+  console.log(`\n${store}`);
+  const { address, end } = await serve(store);
+  const page = await open(address);
+  const [low, high] = await page.evaluate(() => window.isolume.header.volume.range);
+  const first = low + 0.36 * (high - low), second = low + 0.63 * (high - low);
+  const loaded = await counters(page);
+  const requested = page.requests.length;
+  const common = { azimuth: 35, elevation: 25, albedo: 0.7, exposure: -0.5, rotation: 0 };
+  const environment = (env) => page.evaluate((env) => window.isolume.header.probes.findIndex((p) => p.name === env), env);
+  const compare = async (label, expected, change) => {
+    const picture = pictureOfProgram(store, `${name}-${label}`, expected);
+    const found = await difference(page, change, picture);
+    await page.locator("#canvas").screenshot({ path: join(out, `${name}-${label}-page.png`) }).catch(() => {});
+    check(found.mean <= MOST_DIFFERENCE && found.count > 0.3 * found.covered && found.disagree < 0.01 * found.covered + 20,
+      `${label}: mean difference ${found.mean.toFixed(3)} of 255 (largest ${found.worst}) over ${found.count} of ${found.covered} covered pixels; ${found.disagree} disagree on coverage`);
+  };
+
+  // The isovalue by the slider itself, with the keyboard; then exactly.
+  await page.focus("#isovalue");
+  const before = await page.evaluate(() => window.isolume.state.isovalue);
+  await page.keyboard.press("ArrowRight");
+  check((await page.evaluate(() => window.isolume.state.isovalue)) > before, "the arrow key moves the isovalue slider");
+
+  for (const [label, isovalue] of [["first", first], ["second", second]]) {
+    await compare(label, { ...common, isovalue, env: "courtyard" }, { ...common, isovalue, environment: await environment("courtyard") });
+  }
+  const turned = { ...common, rotation: 75, azimuth: -60, elevation: 10, isovalue: second };
+  await compare("turned", { ...turned, env: "studio" }, { ...turned, environment: await environment("studio") });
+  const mapped = { ...common, isovalue: first, rotation: -120 };
+  await compare("mapped", { ...mapped, env: "courtyard", more: ["--colormap", "viridis"] },
+    { ...mapped, colour: "viridis", environment: await environment("courtyard") });
+  await page.evaluate(() => window.isolume.update({ colour: "", albedo: 0.7 }));
+
+  await drop(page, DROPPED);
+  const dropped = await page.evaluate(() => window.isolume.state.environment);
+  await compare("dropped", { ...common, isovalue: first, rotation: 30, env: DROPPED }, { ...common, isovalue: first, rotation: 30, environment: dropped });
+
+  if (store === stores[0]) await underTheHand(page);
+
+  await page.evaluate(() => window.isolume.draw());
+
+  // Everything so far was light and view: no request, no texel through the CPU.
+  const now = await counters(page);
+  check(now.requests === loaded.requests && page.requests.length === requested,
+    `no request after loading (${requested} while loading), neither counted by the page nor seen by the browser`);
+  check(now.texelsTouched === loaded.texelsTouched && now.texelsTouched > 0, `no texel recomputed on the CPU (${now.texelsTouched} at loading)`);
+  check(now.coefficientUpdates > loaded.coefficientUpdates && now.contractions > loaded.contractions,
+    `${now.coefficientUpdates - loaded.coefficientUpdates} changes of coefficients, ${now.contractions - loaded.contractions} contractions on the GPU`);
+
+  // Exposure alone does not even contract.
+  await page.evaluate(() => { window.isolume.update({ exposure: 1, autoExposure: false }); window.isolume.draw(); });
+  check((await counters(page)).contractions === now.contractions, "exposure needs no contraction");
+
+  // What the page cannot read by itself it asks the program for.
+  await drop(page, join(root, "probes/light/studio.exr"));
+  const last = await page.evaluate(() => [document.getElementById("environment").selectedOptions[0].textContent, document.getElementById("message").textContent]);
+  check(last[0] === "studio", `a dropped .exr becomes an environment (${last.join("; ")})`);
+  const error = await page.evaluate(() => {
+    const { isolume } = window;
+    const given = isolume.coefficientsInWorld(undefined, 33);
+    const index = isolume.header.probes.findIndex((p) => p.name === "studio");
+    const expected = isolume.coefficientsInWorld({ coefficients: Float64Array.from(isolume.header.probes[index].coefficients) }, 33);
+    return Math.max(...expected.map((v, i) => Math.abs(v - given[i]))) / Math.abs(expected[0]);
+  });
+  check(error < 1e-4, `its coefficients are the program's, within ${error.toExponential(1)} of the first`);
+
+  if (store === stores[0]) await otherFiles(page);
+
+  await page.evaluate(() => { window.isolume.update({ fixedSize: null, autoExposure: true, background: "theme", zoom: 1.25 }); window.isolume.draw(); });
+  const speed = await page.evaluate(() => window.isolume.measure());
+  console.log(`     ${speed.fetchesPerPixel.toFixed(1)} texture fetches a pixel (${speed.fetchesPerCoveredPixel.toFixed(1)} on the surface), ` +
+    `${(speed.fetchesPerFrame / 1e6).toFixed(2)} million a frame of ${speed.pixels.join(" x ")}; ${speed.milliseconds.toFixed(0)} ms, ` +
+    `${speed.contraction.toFixed(0)} ms to change the light, in ${speed.renderer}`);
+  for (const light of [false, true]) {
+    await page.evaluate((light) => { window.isolume.setTheme(light); window.isolume.draw(); }, light);
+    await page.screenshot({ path: join(out, `${name}-${light ? "light" : "dark"}.png`) });
+  }
+  if (store === stores[0]) await accessible(page);
+  await page.close();
+  end();
+
+  // The page in one file, from disk.
+  const file = join(out, `${name}.html`);
+  execFileSync(program, ["view", store, "-q", "--html", file], { stdio: ["ignore", "ignore", "inherit"] });
+  const alone = await open(pathToFileURL(file).href);
+  check(alone.requests.length === 1, `the page in one file (${(statSync(file).size / 1e6).toFixed(1)} MB) opens from disk and asks for nothing`);
+  const picture = pictureOfProgram(store, `${name}-alone`, { ...common, isovalue: first, env: "courtyard" });
+  const found = await difference(alone, { ...common, isovalue: first }, picture);
+  check(found.mean <= MOST_DIFFERENCE, `one file: mean difference ${found.mean.toFixed(3)} of 255 to the program's picture of the whole store`);
+  await alone.screenshot({ path: join(out, `${name}-alone.png`) });
+  await alone.close();
+}
+
+/** Drag, drag with Shift, wheel. */
+async function underTheHand(page) {
+  const box = await page.locator("#canvas").boundingBox();
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  const state = () => page.evaluate(() => ({ ...window.isolume.state }));
+  const drag = async () => {
+    await page.mouse.move(x, y);
+    await page.mouse.down();
+    await page.mouse.move(x + 40, y + 10, { steps: 2 });
+    await page.mouse.up();
+  };
+  const before = await state();
+  await drag();
+  const turned = await state();
+  await page.keyboard.down("Shift");
+  await drag();
+  await page.keyboard.up("Shift");
+  const lit = await state();
+  await page.mouse.wheel(0, -200);
+  await page.waitForFunction((zoom) => window.isolume.state.zoom > zoom, lit.zoom);
+  check(turned.azimuth !== before.azimuth && turned.elevation !== before.elevation && turned.rotation === before.rotation, "a drag turns the view");
+  check(lit.rotation !== turned.rotation && lit.azimuth === turned.azimuth, "a drag with Shift turns the light; the wheel zooms");
+}
+
+/** Environments of other kinds, if there are any beside the repository, and a file that is none. */
+async function otherFiles(page) {
+  await drop(page, join(root, "README.md"));
+  const text = await page.textContent("#message");
+  check(text.startsWith("README.md: "), `a file that is no environment is refused: ${text.slice(0, 90)}`);
+  await page.evaluate(() => { document.getElementById("message").hidden = true; });
+  const folder = join(process.env.ISOLUME_DATA || join(root, "../shared/data"), "probes");
+  for (const [name, requests] of [["courtyard_256x128_none.exr", 0], ["courtyard_256x128_piz_half.exr", 1]]) {
+    if (!existsSync(join(folder, name))) {
+      console.log(`     skipped: no ${name} in ${folder}`);
+      continue;
+    }
+    const before = await counters(page);
+    await drop(page, join(folder, name));
+    const error = await page.evaluate(() => {
+      const { isolume } = window;
+      const expected = isolume.header.probes.find((p) => p.name === "courtyard").coefficients;
+      const given = isolume.coefficientsInWorld();
+      return Math.abs(given[0] - isolume.coefficientsInWorld({ coefficients: Float64Array.from(expected) })[0]) / Math.abs(given[0]);
+    });
+    const asked = (await counters(page)).requests - before.requests;
+    check(asked === requests && error < 0.01, `${name}: ${asked ? "read by the program" : "read in the page"}, mean light within ${error.toExponential(1)} of the embedded courtyard`);
+  }
+}
+
+/** Names, keyboard and contrast. */
+async function accessible(page) {
+  const controls = await page.evaluate(() => {
+    document.querySelectorAll("details").forEach((d) => (d.open = true));
+    const all = [...document.querySelectorAll("input:not([hidden]), select, button, summary, canvas[tabindex]")];
+    const name = (e) => e.getAttribute("aria-label") || e.labels?.[0]?.textContent.trim() || document.getElementById(e.getAttribute("aria-labelledby"))?.textContent || (e.matches("button, summary") ? e.textContent.trim() : "");
+    return all.map((e) => [e.id || e.parentElement.textContent.trim(), name(e), e.tabIndex]);
+  });
+  const nameless = controls.filter(([, name]) => !name);
+  check(nameless.length === 0, `each of ${controls.length} controls has a name ${nameless.join("; ")}`);
+  check(controls.every(([, , index]) => index >= 0), "each is in the order of Tab");
+  await page.focus("#canvas");
+  const before = await page.evaluate(() => ({ ...window.isolume.state }));
+  for (const key of ["ArrowLeft", "ArrowUp", "+", "]", "Shift+ArrowRight"]) await page.keyboard.press(key);
+  const after = await page.evaluate(() => ({ ...window.isolume.state }));
+  const moved = ["azimuth", "elevation", "zoom", "isovalue", "rotation"].filter((k) => before[k] !== after[k]);
+  check(moved.length === 5, `keys in the view change ${moved.join(", ")}`);
+  for (const light of [false, true]) {
+    const worst = await page.evaluate((light) => {
+      window.isolume.setTheme(light);
+      const style = getComputedStyle(document.documentElement);
+      const luminance = (name) => {
+        const hex = style.getPropertyValue(name).trim().slice(1);
+        const [r, g, b] = [0, 2, 4].map((o) => parseInt(hex.slice(o, o + 2), 16) / 255).map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
+        return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+      };
+      const contrast = (a, b) => (Math.max(luminance(a), luminance(b)) + 0.05) / (Math.min(luminance(a), luminance(b)) + 0.05);
+      const pairs = [["--text", "--panel"], ["--soft", "--panel"], ["--text", "--stage"], ["--soft", "--stage"], ["--warn", "--panel"], ["--text", "--button"]];
+      return Math.min(...pairs.map(([a, b]) => contrast(a, b)));
+    }, light);
+    check(worst >= 4.5, `contrast of text is at least 4.5 (${worst.toFixed(1)}, ${light ? "light" : "dark"})`);
+  }
+}
+
+await browser.close();
+finish("the page");
