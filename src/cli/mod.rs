@@ -36,6 +36,7 @@ mod plan;
 mod relight;
 mod replay;
 mod scene;
+mod scene_light;
 mod surface;
 mod text;
 

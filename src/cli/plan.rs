@@ -1,6 +1,6 @@
 //! `isolume plan`: what a bake would simulate, and why.
 
-use super::baking::{Goal, Hints, Job};
+use super::baking::{Goal, Hints, Job, layout_of_scene};
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::options::BakeArgs;
@@ -36,10 +36,11 @@ pub(super) struct Plan {
 impl Plan {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
         let scene = self.scene.as_ref();
-        let mut opened = super::scene::open(&self.input, &self.volume, scene)?;
+        let mut opened = super::scene::open(&self.input, &self.volume, scene, &self.bake.transfer.effects())?;
         self.bake.transfer.switch_shadows(&mut opened.volume);
         let volume = &opened.volume;
-        let layout = self.bake.transfer.layout(volume, &self.bake.bands)?;
+        let geometry = opened.geometry.as_ref();
+        let layout = layout_of_scene(self.bake.transfer.layout(volume, &self.bake.bands)?, geometry);
         let settings = self.bake.transfer.settings(&layout, seed, false);
         let chosen = self.bake.isovalues(volume, opened.default_isovalue, scene)?;
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
@@ -63,6 +64,7 @@ impl Plan {
             start,
             effects,
             hints,
+            geometry,
         };
         if let Some(albedo) = self.albedo {
             crate::relight::Material::new([albedo; 3], [0.0; 3])?;

@@ -9,6 +9,7 @@ use super::options::TransferArgs;
 use super::output::{Format, Target, clean, make_folder, targets};
 use super::picture::{PictureArgs, check_size, develop};
 use super::scene::SceneFile;
+use super::scene_light::contracted;
 use super::surface::Surface;
 use super::{Failure, Outcome, info, options, text};
 use crate::error::Error;
@@ -17,8 +18,9 @@ use crate::export::{Image, atomic, gltf, ply, png};
 use crate::geom::Up;
 use crate::level::{Counts, Pyramid};
 use crate::probe::Probe;
-use crate::relight::{Contracted, Exposure, LookupReport, Material, SurfaceError, contract};
+use crate::relight::{Contracted, Exposure, LookupReport, Material, SurfaceError};
 use crate::render::{RenderOptions, render_with_suns, sun_visibility};
+use crate::scene::geometry::Geometry;
 use crate::scene::{Effects, EmissionRule, MaterialRule};
 use crate::transfer::store::Store;
 use crate::transfer::{Lattice, Layout};
@@ -232,7 +234,7 @@ impl Relight {
             let source = Source { store, transport_rays: 0 };
             return work.light(&source, Vec::new());
         }
-        let mut opened = super::scene::open(&self.input, &self.volume, self.scene.as_ref())?;
+        let mut opened = super::scene::open(&self.input, &self.volume, self.scene.as_ref(), &self.transfer.effects())?;
         self.transfer.switch_shadows(&mut opened.volume);
         for note in &opened.volume.notes {
             console.note(&note.text);
@@ -244,7 +246,7 @@ impl Relight {
         };
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
         let work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
-        work.bake_and_light(&opened.label, seed)
+        work.bake_and_light(&opened.label, opened.geometry.as_ref(), seed)
     }
 
     fn open_probes(&self, console: &Console) -> Outcome<Vec<Probe>> {
@@ -421,10 +423,10 @@ impl<'a> Work<'a> {
     }
 
     /// Bakes what the isosurfaces need, coarsely first where the whole takes long, and lights them each time.
-    fn bake_and_light(&self, label: &str, seed: u64) -> Outcome<Relit> {
+    fn bake_and_light(&self, label: &str, geometry: Option<&Geometry>, seed: u64) -> Outcome<Relit> {
         let transfer = &self.command.transfer;
         let bands = self.command.scene.as_ref().and_then(SceneFile::bands).unwrap_or(vec![5]);
-        let layout = transfer.layout(self.volume, &bands)?;
+        let layout = baking::layout_of_scene(transfer.layout(self.volume, &bands)?, geometry);
         let settings = transfer.settings(&layout, seed, false);
         let job = Job {
             volume: self.volume,
@@ -439,6 +441,7 @@ impl<'a> Work<'a> {
             start: self.start,
             effects: &self.effects,
             hints: Hints::default(),
+            geometry,
         };
         job.check_memory()?;
         let folder = self.command.cache_folder()?;
@@ -543,7 +546,7 @@ impl Context<'_> {
         let material = Material::new(self.rule.albedo(isovalue), self.emission.at(isovalue))?;
         let mut times = Times::default();
         let start = Instant::now();
-        let mut contracted = contract(self.store, &surface.bricks, light, &material)?;
+        let mut contracted = contracted(self.store, &surface.bricks, &lighting, &material, &c.light.luminaires)?;
         let mut notes = lighting.notes.clone();
         if lighting.certified {
             let clamped = contracted.clamp_negative();

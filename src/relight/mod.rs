@@ -15,6 +15,7 @@ mod exposure;
 mod light;
 mod lookup;
 mod noise;
+mod scene;
 mod tail;
 mod window;
 
@@ -26,6 +27,7 @@ pub use contract::{Contracted, Noise, contract};
 pub use exposure::Exposure;
 pub use light::Light;
 pub use lookup::{LookupReport, SurfaceError, VertexRadiance};
+pub use scene::{LuminaireLight, contract_scene};
 pub use tail::Tail;
 pub use window::{LayerWindow, Prepared, prepare};
 

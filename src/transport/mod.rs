@@ -17,6 +17,7 @@ mod gather;
 mod open;
 mod path;
 mod replay;
+mod scene_path;
 mod summary;
 
 #[cfg(test)]
@@ -27,6 +28,10 @@ pub use direct::{DirectSettings, Radiance, SurfacePoint, direct};
 pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};
 pub use path::{Settings, Target, TexelEstimate, radiance_weights};
 pub use replay::{ReplayedPath, replay};
+pub use scene_path::{
+    GroupBricks, PowerBalance, SceneBake, SceneCounts, SceneReference, SceneSettings, SceneSummary, bake_scene,
+    needs_photons, pilot_scene, scene_radiance, trace_photons,
+};
 pub use summary::{ErrorHistogram, Summary};
 
 /// Independent scrambles of each texel's points; error bars come from their spread.

@@ -1,0 +1,1 @@
+//! Walls and luminaires against closed forms and slow twins.

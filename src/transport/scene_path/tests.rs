@@ -1,0 +1,1 @@
+//! Scenes against closed forms and against each other.
