@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::geom::Up;
 use crate::scene::geometry::{Geometry, TriangleMesh};
 use crate::scene::{Effects, Scene, TextureSize, nearest};
+use crate::transfer::store::Store;
 use crate::volume::{LengthUnit, Solid, field};
 use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches};
@@ -33,6 +34,7 @@ type Written = (&'static str, String);
 pub(super) fn parse(line: Vec<OsString>) -> Result<std::result::Result<Cli, clap::Error>> {
     let is_scene = |word: &OsString| word.to_string_lossy().to_ascii_lowercase().ends_with(".toml");
     if !line.iter().any(is_scene) {
+        let line = with_light_of_store(line);
         return Ok(Cli::command().try_get_matches_from(line).and_then(|m| Cli::from_arg_matches(&m)));
     }
     // A first look, in which options that the scene will give may be missing.
@@ -60,6 +62,23 @@ pub(super) fn parse(line: Vec<OsString>) -> Result<std::result::Result<Cli, clap
         }
         cli
     }))
+}
+
+/// The line, with a dark environment where a store with luminaires is relit and none is given.
+fn with_light_of_store(mut line: Vec<OsString>) -> Vec<OsString> {
+    if !line.iter().any(|word| word == "relight") {
+        return line;
+    }
+    let given = Cli::command().ignore_errors(true).try_get_matches_from(&line).ok().and_then(|matches| {
+        let (name, given) = matches.subcommand()?;
+        let absent = given.try_contains_id("env").is_ok() && given.value_source("env").is_none();
+        (name == "relight" && absent).then(|| given.try_get_one::<String>("input").ok().flatten().cloned()).flatten()
+    });
+    let shines = given.filter(|input| super::info::is_store(input)).and_then(|input| Store::open(input).ok());
+    if shines.is_some_and(|store| store.identity().scene.as_ref().is_some_and(|scene| !scene.luminaires.is_empty())) {
+        line.push(format!("--env={DARK}").into());
+    }
+    line
 }
 
 /// Opens the volume of an argument, or of the scene that it names, with what stands around it and is not switched off.

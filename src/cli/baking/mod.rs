@@ -131,6 +131,8 @@ pub(super) struct Report {
     /// The standard error that texels had to reach.
     pub(super) error: Option<f64>,
     pub(super) goal: Value,
+    /// Largest albedo that is known before relighting.
+    pub(super) albedo: Option<f32>,
     /// The plan, where it was asked for.
     pub(super) plan: Option<scenes::Plan>,
     /// Of the estimator `gather`.
@@ -301,7 +303,7 @@ pub(super) fn fill(job: &Job<'_>, path: &Path, console: &Console) -> Outcome<(St
     job.check_memory()?;
     let pyramid = Pyramid::new(job.volume);
     let provenance = if path.symlink_metadata().is_ok() { Value::Null } else { job.provenance(&pyramid)? };
-    let mut report = Report::default();
+    let mut report = Report { albedo: job.hints.albedo, ..Report::default() };
     if job.hints.shown {
         let plan = job.plan(&pyramid)?;
         console.print(super::plan::table(&plan));

@@ -60,6 +60,14 @@ impl SceneSummary {
         }
     }
 
+    /// The most that layers beyond the stored ones can add to the radiance, over the brightest light, in the mean over the
+    /// valid texels: ρ^(K+2) times the chance to meet the level set K + 1 times.
+    pub fn bound(&self, albedo: f64) -> f64 {
+        let layers = self.survival.len() / 3;
+        let power = (0..layers + 1).fold(1.0, |power, _| power * albedo);
+        if layers == 0 { 0.0 } else { power * self.mean_survival(layers - 1) }
+    }
+
     /// Largest channel of the mean weight with which the level set is met k + 1 times.
     pub fn mean_survival(&self, k: usize) -> f64 {
         let valid = self.summary.valid.max(1) as f64;

@@ -197,8 +197,9 @@ impl<T: Sample> Path<'_, '_, T> {
                     self.shine(&hit, density, &origin, direction, found);
                     match hit.finish {
                         Finish::Diffuse(albedo) => {
-                            counts.wall_hits += 1;
-                            return self.at_wall(&hit, albedo, point, direction, turn);
+                            let next = self.at_wall(&hit, albedo, point, direction, turn);
+                            counts.wall_hits += u64::from(next.is_some());
+                            return next;
                         }
                         Finish::Mirror(share) => {
                             direction -= 2.0 * direction.dot(hit.normal) * hit.normal;

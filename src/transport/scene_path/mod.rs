@@ -13,9 +13,6 @@ mod photons;
 mod reference;
 mod world;
 
-#[cfg(test)]
-mod tests;
-
 pub use bake::{GroupBricks, SceneBake, SceneSummary, bake_scene, pilot_scene};
 pub use photons::{PowerBalance, trace_photons};
 pub use reference::{SceneReference, scene_radiance};

@@ -57,7 +57,7 @@ pub struct SceneCounts {
     pub light_rays: u64,
     /// Rays that were tried against walls, of both kinds.
     pub wall_rays: u64,
-    /// Paths' meetings with diffuse walls.
+    /// Paths' meetings with diffuse walls from which they go on.
     pub wall_hits: u64,
     /// Paths' meetings with mirrors and glass.
     pub specular_hits: u64,
@@ -65,6 +65,13 @@ pub struct SceneCounts {
     pub luminaire_hits: u64,
     /// Paths that ended on a cut through the solid, or inside it.
     pub cut: u64,
+}
+
+impl SceneCounts {
+    /// Rays of paths that go on from walls.
+    pub fn wall_rays_started(&self) -> u64 {
+        self.wall_hits + self.specular_hits
+    }
 }
 
 impl std::ops::AddAssign for SceneCounts {

@@ -1,1 +1,0 @@
-//! Scenes against closed forms and against each other.
