@@ -37,6 +37,7 @@ mod relight;
 mod replay;
 mod scene;
 mod scene_light;
+mod scene_walls;
 mod surface;
 mod text;
 

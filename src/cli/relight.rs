@@ -10,6 +10,7 @@ use super::output::{Format, Target, clean, make_folder, targets};
 use super::picture::{PictureArgs, check_size, develop};
 use super::scene::SceneFile;
 use super::scene_light::contracted;
+use super::scene_walls::{WallQuestion, Walls, in_view};
 use super::surface::Surface;
 use super::{Failure, Outcome, info, options, text};
 use crate::error::Error;
@@ -19,7 +20,7 @@ use crate::geom::Up;
 use crate::level::{Counts, Pyramid};
 use crate::probe::Probe;
 use crate::relight::{Contracted, Exposure, LookupReport, Material, SurfaceError};
-use crate::render::{RenderOptions, render_with_suns, sun_visibility};
+use crate::render::{Camera, RenderOptions, render_among, render_with_suns, sun_visibility};
 use crate::scene::geometry::Geometry;
 use crate::scene::{Effects, EmissionRule, MaterialRule};
 use crate::transfer::store::Store;
@@ -192,6 +193,7 @@ struct Work<'a> {
     /// What reading and preparing took.
     read_time: Duration,
     console: &'a Console,
+    geometry: Option<&'a Geometry>,
 }
 
 /// What does not change from file to file.
@@ -205,6 +207,8 @@ struct Context<'a> {
     up: Up,
     /// What to type to bake an isovalue that is missing.
     bake_hint: String,
+    /// What stands around the volume, where it is known.
+    geometry: Option<&'a Geometry>,
 }
 
 impl Relight {
@@ -246,7 +250,7 @@ impl Relight {
         };
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
         let work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
-        work.bake_and_light(&opened.label, opened.geometry.as_ref(), seed)
+        Work { geometry: opened.geometry.as_ref(), ..work }.bake_and_light(&opened.label, seed)
     }
 
     fn open_probes(&self, console: &Console) -> Outcome<Vec<Probe>> {
@@ -389,6 +393,7 @@ impl<'a> Work<'a> {
             start,
             read_time,
             console,
+            geometry: None,
         })
     }
 
@@ -403,6 +408,7 @@ impl<'a> Work<'a> {
             emission: &self.emission,
             up: self.up,
             bake_hint: self.command.input.clone(),
+            geometry: self.geometry,
         };
         self.command.output.iter().try_for_each(|output| make_folder(output))?;
         let mut surfaces = Vec::new();
@@ -423,10 +429,10 @@ impl<'a> Work<'a> {
     }
 
     /// Bakes what the isosurfaces need, coarsely first where the whole takes long, and lights them each time.
-    fn bake_and_light(&self, label: &str, geometry: Option<&Geometry>, seed: u64) -> Outcome<Relit> {
+    fn bake_and_light(&self, label: &str, seed: u64) -> Outcome<Relit> {
         let transfer = &self.command.transfer;
         let bands = self.command.scene.as_ref().and_then(SceneFile::bands).unwrap_or(vec![5]);
-        let layout = baking::layout_of_scene(transfer.layout(self.volume, &bands)?, geometry);
+        let layout = baking::layout_of_scene(transfer.layout(self.volume, &bands)?, self.geometry);
         let settings = transfer.settings(&layout, seed, false);
         let job = Job {
             volume: self.volume,
@@ -441,7 +447,7 @@ impl<'a> Work<'a> {
             start: self.start,
             effects: &self.effects,
             hints: Hints::default(),
-            geometry,
+            geometry: self.geometry,
         };
         job.check_memory()?;
         let folder = self.command.cache_folder()?;
@@ -600,6 +606,20 @@ impl Context<'_> {
         Ok(written)
     }
 
+    /// What a picture shows of the walls of the scene.
+    fn walls(
+        &self,
+        isovalue: f64,
+        camera: &Camera,
+        options: &RenderOptions,
+        lighting: &Lighting,
+        material: &Material,
+    ) -> Outcome<Option<Walls<'_>>> {
+        let Some(geometry) = self.geometry else { return Ok(None) };
+        let question = WallQuestion { volume: self.volume, pyramid: self.pyramid, isovalue, material };
+        Ok(Some(Walls::new(geometry, &question, camera, options, lighting, &self.command.light.luminaires)?))
+    }
+
     fn write_mesh(
         &self,
         surface: &Surface,
@@ -638,11 +658,31 @@ impl Context<'_> {
         let args = &self.command.picture;
         let start = Instant::now();
         let (width, height) = args.size;
-        let camera = surface.camera(self.volume, self.up, args.view, args.projection(), width as f64 / height as f64);
+        let (aspect, projection) = (width as f64 / height as f64, args.projection());
+        let camera = match in_view(self.geometry, self.volume) {
+            Some(bounds) => Camera::framing(&bounds, self.up, args.view, projection, aspect),
+            None => surface.camera(self.volume, self.up, args.view, projection, aspect),
+        };
         let options = RenderOptions { width, height, supersampling: SUPERSAMPLING };
         let (isovalue, light, suns) = (surface.isovalue, &lighting.light, &lighting.suns);
-        let picture =
-            render_with_suns(self.volume, self.pyramid, isovalue, contracted, light, material, &camera, &options, suns);
+        let picture = match self.walls(isovalue, &camera, &options, lighting, material)? {
+            Some(walls) => {
+                let backdrop = |origin, direction, limit, pixel| walls.seen(origin, direction, limit, pixel);
+                let (volume, pyramid) = (self.volume, self.pyramid);
+                render_among(volume, pyramid, isovalue, contracted, light, material, &camera, &options, &backdrop)
+            }
+            None => render_with_suns(
+                self.volume,
+                self.pyramid,
+                isovalue,
+                contracted,
+                light,
+                material,
+                &camera,
+                &options,
+                suns,
+            ),
+        };
         if picture.report.unbaked > 0 {
             return Err(self.unbaked(surface.isovalue, &picture.report));
         }

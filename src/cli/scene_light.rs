@@ -14,6 +14,11 @@ pub(super) struct Factor {
     factor: [f64; 3],
 }
 
+/// The factor on a luminaire: that given last.
+pub(super) fn factor_of(name: &str, factors: &[Factor]) -> [f64; 3] {
+    factors.iter().rev().find(|f| f.name == name).map_or([1.0; 3], |f| f.factor)
+}
+
 /// Reads NAME=FACTOR or NAME=R,G,B.
 pub(super) fn parse_factor(argument: &str) -> Result<Factor, String> {
     let expected = "give the name of a luminaire and a factor, such as ceiling=2 or ceiling=1,0.8,0.6";
@@ -61,9 +66,8 @@ pub(super) fn contracted(
         .iter()
         .zip(names.iter().zip(&scene.exponents))
         .map(|(texture, (name, exponent))| {
-            let chosen = factors.iter().rev().find(|f| f.name == *name).map_or([1.0; 3], |f| f.factor);
             let stored = libm::ldexp(1.0, *exponent);
-            LuminaireLight { texture, factor: chosen.map(|f| f * stored) }
+            LuminaireLight { texture, factor: factor_of(name, factors).map(|f| f * stored) }
         })
         .collect();
     Ok(contract_scene(store, &emission, &luminaires, bricks, light, material)?)

@@ -1,4 +1,4 @@
-//! What is to be lit: the description of a scene, materials over the isovalue, the encoding of their colours, and the
+//! What is to be lit: the description of a scene, what stands around its volume, materials over the isovalue, the encoding of their colours, and the
 //! plan of effects. Knows nothing of the insides of solvers.
 
 mod colormap;

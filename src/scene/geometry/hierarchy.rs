@@ -68,7 +68,7 @@ impl Hierarchy {
     }
 
     /// Whether a part whose box a ray meets is one that `blocks`.
-    pub(super) fn any(&self, origin: DVec3, direction: DVec3, limit: f64, blocks: &dyn Fn(u32) -> bool) -> bool {
+    pub(super) fn any_blocks(&self, origin: DVec3, direction: DVec3, limit: f64, blocks: &dyn Fn(u32) -> bool) -> bool {
         let missed = self.tree.ray_traverse_miss(self.ray(origin, direction, limit), |_, slot| {
             if blocks(self.tree.primitive_indices[slot]) { 0.0 } else { f32::INFINITY }
         });

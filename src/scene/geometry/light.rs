@@ -201,7 +201,7 @@ impl Emitter {
     }
 
     /// A ray of a photon: origin, direction, and whether it exists; of density cosine/(π A) where there is an area.
-    pub(super) fn start(&self, place: [f32; 2], local: DVec3) -> Option<(DVec3, DVec3)> {
+    pub(super) fn leaving(&self, place: [f32; 2], local: DVec3) -> Option<(DVec3, DVec3)> {
         let leave = |point: DVec3, normal: DVec3| {
             let tangent = normal.any_orthonormal_vector();
             (point, local.x * tangent + local.y * normal.cross(tangent) + local.z * normal)
@@ -315,6 +315,6 @@ impl Geometry {
     /// Origin and direction of a photon of luminaire `l`, with the density of its power: two variates for the place and a
     /// cosine-distributed direction about the z axis. `None` for parallel light, which has no place.
     pub fn photon(&self, l: usize, place: [f32; 2], local: DVec3) -> Option<(DVec3, DVec3)> {
-        self.emitters[l].start(place, local)
+        self.emitters[l].leaving(place, local)
     }
 }

@@ -94,6 +94,8 @@ pub struct Geometry {
 const FEW: usize = 8;
 /// Most luminaires of a scene: each is asked at every bounce.
 pub const MOST_LUMINAIRES: usize = 32;
+/// Backs of walls that a camera sees through.
+const MOST_BACKS: usize = 64;
 /// Most primitives, 2^24.
 const MOST_PRIMITIVES: usize = 1 << 24;
 /// Share of the distance within which a luminaire is met before a wall, and how near to its end a ray of light is free.
@@ -129,7 +131,7 @@ impl Geometry {
         for wall in &walls {
             check_finish(wall)?;
             let first = primitives.len();
-            wall.shape.append(&wall.name, &mut primitives)?;
+            wall.shape.append_parts(&wall.name, &mut primitives)?;
             finishes.resize(primitives.len(), wall.finish);
             let of =
                 luminaires.iter().position(|l| matches!(&l.shape, LuminaireShape::Wall(name) if *name == wall.name));
@@ -219,9 +221,32 @@ impl Geometry {
         let limit = limit * (1.0 - TOUCHING);
         let blocks = |part: u32| self.distance_to(part, origin, direction, from).is_some_and(|t| t < limit);
         match &self.hierarchy {
-            Some(hierarchy) => hierarchy.any(origin, direction, limit, &blocks),
+            Some(hierarchy) => hierarchy.any_blocks(origin, direction, limit, &blocks),
             None => (0..self.primitives.len() as u32).any(blocks),
         }
+    }
+
+    /// Number of a wall's part, if it is a rectangle: its corner and edges.
+    pub fn rectangle(&self, part: u32) -> Option<[DVec3; 3]> {
+        match self.primitives.get(part as usize) {
+            Some(Primitive::Rectangle(flat)) => Some([flat.corner, flat.u, flat.v]),
+            _ => None,
+        }
+    }
+
+    /// The first wall on a ray that shows its front, or is not diffuse: what a camera sees that looks into a room from
+    /// outside.
+    pub fn first_front(&self, origin: DVec3, direction: DVec3, limit: f64) -> Option<WallHit> {
+        let (mut origin, mut from, mut passed) = (origin, None, 0.0);
+        for _ in 0..MOST_BACKS {
+            let mut hit = self.first_wall(origin, direction, from, limit - passed)?;
+            if direction.dot(hit.normal) < 0.0 || hit.finish.is_specular() {
+                hit.distance += passed;
+                return Some(hit);
+            }
+            (origin, from, passed) = (origin + hit.distance * direction, Some(hit.part), passed + hit.distance);
+        }
+        None
     }
 
     fn distance_to(&self, part: u32, origin: DVec3, direction: DVec3, from: Option<u32>) -> Option<f64> {

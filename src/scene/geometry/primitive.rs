@@ -46,7 +46,7 @@ impl Shape {
     }
 
     /// Adds its parts.
-    pub(super) fn append(&self, name: &str, out: &mut Vec<Primitive>) -> Result<()> {
+    pub(super) fn append_parts(&self, name: &str, out: &mut Vec<Primitive>) -> Result<()> {
         let refuse = |found: String, remedy: &str| {
             Err(Error::argument(format!("the wall {name}"), found, "a shape with a finite area above 0", remedy))
         };

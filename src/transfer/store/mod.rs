@@ -88,6 +88,8 @@ const HARMONICS: &str = "real, orthonormal spherical harmonics in world axes wit
 const MEANING: &str = "exitant radiance of the Lambertian level set through a texel under L(w) = sum_i L_i Y_i(w) is \
     sum_k albedo^(k+1) <T_k, L>; layer k of the last axis of `transfer` starts at layers[k].offset";
 
+/// Stated in stores of scenes.
+const MEANING_OF_CHANNELS: &str = "each layer holds its bands^2 red coefficients, then green, then blue";
 /// Stated in the groups of luminaires.
 const MEANING_OF_GROUPS: &str = "the level set of albedo rho sends out sum_k rho^(k+1) G_k in W m-2 sr-1 on behalf of \
     this group; the last axis of `transfer` is 3 k + channel (red, green, blue)";
@@ -394,7 +396,7 @@ fn write_skeleton(
         })
     };
     let step = std::array::from_fn(|axis| layout.lattice.step(axis));
-    let attributes = sealed(json!({
+    let mut attributes = json!({
         "identity": identity,
         "identity_blake3": identity.hash(),
         "layers": (0..layers.len()).map(layer).collect::<Vec<_>>(),
@@ -402,7 +404,11 @@ fn write_skeleton(
         "meaning": MEANING,
         "world_from_texel": volume::rows(volume.world_from_grid(), step),
         "provenance": provenance,
-    }));
+    });
+    if layers.channels() != 1 {
+        attributes["channels"] = json!(MEANING_OF_CHANNELS);
+    }
+    let attributes = sealed(attributes);
     let mut nodes = vec![
         ("volumes".into(), zarr::group(json!({}))),
         (format!("volumes/{node}"), zarr::group(json!({}))),

@@ -208,7 +208,7 @@ fn brick<T: Sample>(
         }
         total.summary.texels += 1;
         let Some(site) = world.field.site(lattice.grid_from_texel(texel)) else {
-            writer.clear(&mut bricks, t);
+            writer.blank(&mut bricks, t);
             continue;
         };
         if bricks[0].rays[t] >= bake.settings.rays && bricks[0].validity[t] & validity::VALID != 0 {
@@ -273,7 +273,7 @@ impl Writer {
         Ok(Self { layers, factors: [1.0, 1.0].into_iter().chain(of_luminaires).collect() })
     }
 
-    fn clear(&self, bricks: &mut [Brick], t: usize) {
+    fn blank(&self, bricks: &mut [Brick], t: usize) {
         for (brick, layers) in bricks.iter_mut().zip(&self.layers) {
             let (coefficients, errors) = (layers.coefficients(), layers.errors());
             brick.transfer[t * coefficients..(t + 1) * coefficients].fill(f16::ZERO);

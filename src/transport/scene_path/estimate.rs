@@ -44,7 +44,7 @@ pub(super) struct Found {
 }
 
 impl Found {
-    pub(super) fn clear(&mut self, layers: &Layers, luminaires: usize) {
+    pub(super) fn reset(&mut self, layers: &Layers, luminaires: usize) {
         self.environment.clear();
         self.environment.resize(REPLICATES * layers.coefficients(), 0.0);
         self.groups.clear();
@@ -84,7 +84,7 @@ pub(super) fn trace<T: Sample>(
     counts: &mut SceneCounts,
 ) {
     let points = settings.rays / REPLICATES as u32;
-    found.clear(&settings.layers, world.geometry.luminaires().len());
+    found.reset(&settings.layers, world.geometry.luminaires().len());
     let turn = Turn { origin: world.on_level(site.start), normal: site.normal };
     for replicate in 0..REPLICATES {
         let sampler = PathSampler::new(settings.seed, item, replicate as u32);

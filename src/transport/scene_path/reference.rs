@@ -27,8 +27,8 @@ pub struct SceneReference {
     pub albedo: [f32; 3],
     /// Radiance that the level set emits.
     pub emission: [f32; 3],
-    /// Factor on the power of each luminaire, in their order; those not given are 1.
-    pub scales: Vec<f64>,
+    /// Factors on the power of each luminaire, in their order; those not given are 1.
+    pub scales: Vec<[f64; 3]>,
     /// Whether luminaires are sampled. Otherwise those without an area have no light.
     pub samples_luminaires: bool,
     /// Whether rays pass through the backs of diffuse walls before they meet anything else, as cameras' rays do that look
@@ -146,7 +146,10 @@ impl<T: Sample> Tracer<'_, T> {
     ) -> [f64; 3] {
         let geometry = self.world.geometry;
         let (luminaires, level) = (geometry.luminaires().len(), &mut Counts::default());
-        let scale = |l: usize| self.settings.scales.get(l).copied().unwrap_or(1.0);
+        let scaled = |l: usize, light: [f64; 3]| match self.settings.scales.get(l) {
+            Some(scale) => std::array::from_fn(|c| light[c] * scale[c]),
+            None => light,
+        };
         let pairs = 3 + luminaires as u32;
         let mut found = [0.0; 3];
         let mut weight = [1.0f64; 3];
@@ -168,7 +171,7 @@ impl<T: Sample> Tracer<'_, T> {
                 Met::Cut => return found,
                 Met::Luminaire(hit) => {
                     if counts_light {
-                        add(&mut found, &weight, hit.radiance, scale(hit.luminaire));
+                        add(&mut found, &weight, scaled(hit.luminaire, hit.radiance), 1.0);
                     }
                     return found;
                 }
@@ -185,7 +188,7 @@ impl<T: Sample> Tracer<'_, T> {
                     let place = Origin { place: Place::Wall(hit.part), in_world };
                     let towards = if direction.dot(hit.normal) < 0.0 { hit.normal } else { -hit.normal };
                     if let Some(l) = hit.luminaire.filter(|_| counts_light && direction.dot(hit.normal) < 0.0) {
-                        add(&mut found, &weight, geometry.wall_radiance(l), scale(l));
+                        add(&mut found, &weight, scaled(l, geometry.wall_radiance(l)), 1.0);
                     }
                     match hit.finish {
                         Finish::Diffuse(albedo) => match Normal::down_gradient(-towards.as_vec3()) {
@@ -231,7 +234,7 @@ impl<T: Sample> Tracer<'_, T> {
                     if cosine > 0.0
                         && self.world.sees(self.isovalue, &place, l, light.direction, light.distance, level, counts)
                     {
-                        add(&mut found, &weight, light.value, cosine / PI * scale(l));
+                        add(&mut found, &weight, scaled(l, light.value), cosine / PI);
                     }
                 }
             }
