@@ -27,7 +27,7 @@ fn main() -> isolume::Result<()> {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let number = |i: usize, otherwise: usize| words.get(i).and_then(|w| w.parse().ok()).unwrap_or(otherwise);
     match words.first().map(String::as_str) {
-        Some("box") if words.len() > 1 => boxes(Path::new(&words[1]), number(2, 240), number(3, 1024) as u32),
+        Some("box") if words.len() > 1 => boxes(Path::new(&words[1]), number(2, 160), number(3, 1024) as u32),
         _ => {
             println!("usage: measure-scenes box FOLDER [SIZE PATHS]");
             Ok(())
@@ -42,7 +42,7 @@ fn boxes(folder: &Path, size: usize, paths: u32) -> isolume::Result<()> {
     let volume = field::by_name(&scene.volume.value)?.expect("a field").sample()?;
     let none = |name: &str| Err(isolume::Error::argument("file", name, "no file", "none is named"));
     let geometry =
-        scene.surroundings.assemble(&scene, 1.0, &mut |n| none(n), &mut |n, _| none(n).map(|()| Default::default()))?;
+        scene.surroundings.assemble(&scene, 1.0, &mut |n| none(n), &mut |n, _| none(n).map(|_| Default::default()))?;
     let pyramid = Pyramid::new(&volume);
     let camera = Camera::framing(
         &volume.world_bounds(),
@@ -70,10 +70,20 @@ fn boxes(folder: &Path, size: usize, paths: u32) -> isolume::Result<()> {
             sees_through_backs: true,
             seed: 77,
         };
-        let (found, counts) = scene_radiance(&volume, &pyramid, &geometry, isovalue, &rays, None, &settings)?;
-        let seconds = start.elapsed().as_secs_f64();
         let hits: Vec<Option<[f32; 3]>> =
             rays.iter().map(|&(o, d)| level_hit(&volume, &pyramid, &geometry, isovalue, o, d)).collect();
+        let on_surface: Vec<(DVec3, DVec3)> =
+            rays.iter().zip(&hits).filter(|(_, h)| h.is_some()).map(|(ray, _)| *ray).collect();
+        let (of_surface, counts) =
+            scene_radiance(&volume, &pyramid, &geometry, isovalue, &on_surface, None, &settings)?;
+        let seconds = start.elapsed().as_secs_f64();
+        // The rest is only shown.
+        let settings = SceneReference { paths: 64, ..settings };
+        let (mut found, _) = scene_radiance(&volume, &pyramid, &geometry, isovalue, &rays, None, &settings)?;
+        let mut of_surface = of_surface.into_iter();
+        for (slot, _) in found.iter_mut().zip(&hits).filter(|(_, h)| h.is_some()) {
+            *slot = of_surface.next().flatten();
+        }
         references.push((isovalue, found, hits, seconds, counts.path_rays + counts.light_rays));
     }
     println!(

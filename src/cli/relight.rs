@@ -616,7 +616,8 @@ impl Context<'_> {
         material: &Material,
     ) -> Outcome<Option<Walls<'_>>> {
         let Some(geometry) = self.geometry else { return Ok(None) };
-        let question = WallQuestion { volume: self.volume, pyramid: self.pyramid, isovalue, material };
+        let rays = self.command.transfer.rays.unwrap_or(64);
+        let question = WallQuestion { volume: self.volume, pyramid: self.pyramid, isovalue, material, rays };
         Ok(Some(Walls::new(geometry, &question, camera, options, lighting, &self.command.light.luminaires)?))
     }
 
@@ -665,6 +666,11 @@ impl Context<'_> {
         };
         let options = RenderOptions { width, height, supersampling: SUPERSAMPLING };
         let (isovalue, light, suns) = (surface.isovalue, &lighting.light, &lighting.suns);
+        if self.geometry.is_none() && self.store.identity().scene.is_some() {
+            written
+                .notes
+                .push("the store does not hold the walls: relight the scene file to see them in pictures".into());
+        }
         let picture = match self.walls(isovalue, &camera, &options, lighting, material)? {
             Some(walls) => {
                 let backdrop = |origin, direction, limit, pixel| walls.seen(origin, direction, limit, pixel);

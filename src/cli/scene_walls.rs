@@ -18,7 +18,7 @@ use std::collections::HashMap;
 
 /// Points along each side of a rectangle.
 const GRID: usize = 25;
-/// Paths of a point of the grid, and of a pixel.
+/// Most paths of a point of the grid, and of a pixel; as many as a texel gets, where that is less.
 const PATHS: u32 = 256;
 const PIXEL_PATHS: u32 = 64;
 
@@ -36,6 +36,8 @@ pub(super) struct WallQuestion<'a> {
     pub(super) pyramid: &'a Pyramid,
     pub(super) isovalue: f64,
     pub(super) material: &'a Material,
+    /// Paths of a texel.
+    pub(super) rays: u32,
 }
 
 /// The walls as a camera sees them.
@@ -72,7 +74,7 @@ impl DirectionalSource for Environment<'_> {
 }
 
 fn is_flat(geometry: &Geometry, hit: &WallHit) -> bool {
-    matches!(hit.finish, Finish::Diffuse(_)) && geometry.rectangle(hit.part).is_some()
+    matches!(hit.finish, Finish::Diffuse(_)) && geometry.on_rectangle(hit.part, [0.0; 2]).is_some()
 }
 
 impl<'a> Walls<'a> {
@@ -103,13 +105,14 @@ impl<'a> Walls<'a> {
         parts.dedup();
         let mut rays_of_grids = Vec::new();
         let mut is_covered = Vec::new();
-        for [corner, u, v] in parts.iter().filter_map(|&part| geometry.rectangle(part)) {
-            let normal = u.cross(v).normalize();
-            let step = 1e-5 * (u.length() + v.length());
+        let step = 1e-5 * geometry.bounds().size().length();
+        for &part in &parts {
             for i in 0..GRID * GRID {
                 // Not on the edges: there walls meet.
                 let along = |i: usize| (i as f64 + 0.5) / GRID as f64;
-                let point = corner + along(i % GRID) * u + along(i / GRID) * v;
+                let Some((point, normal)) = geometry.on_rectangle(part, [along(i % GRID), along(i / GRID)]) else {
+                    continue;
+                };
                 rays_of_grids.push((point + step * normal, -normal));
                 is_covered.push(geometry.first_luminaire(point + step * normal, -normal, 2.0 * step).is_some());
             }
@@ -128,8 +131,8 @@ impl<'a> Walls<'a> {
             let WallQuestion { volume, pyramid, isovalue, .. } = *question;
             scene_radiance(volume, pyramid, geometry, isovalue, rays, Some(&environment), &settings)
         };
-        let (of_grids, _) = trace(&rays_of_grids, PATHS)?;
-        let (of_pixels, _) = trace(&rays_of_pixels, PIXEL_PATHS)?;
+        let (of_grids, _) = trace(&rays_of_grids, PATHS.min(question.rays))?;
+        let (of_pixels, _) = trace(&rays_of_pixels, PIXEL_PATHS.min(question.rays))?;
         let colour = |mean: [f64; 3]| mean.map(|v| v as f32);
         let points: Vec<[f32; 3]> = of_grids
             .iter()
@@ -159,13 +162,8 @@ impl<'a> Walls<'a> {
         if !is_flat(self.geometry, &hit) {
             return self.pixels.get(&pixel).copied();
         }
-        let [corner, u, v] = self.geometry.rectangle(hit.part)?;
         let grid = self.grids.get(&hit.part)?;
-        let inside = origin + hit.distance * direction - corner;
-        // Coordinates along edges that may be oblique.
-        let normal = u.cross(v);
-        let square = normal.length_squared();
-        let place = [inside.cross(v).dot(normal) / square, u.cross(inside).dot(normal) / square];
+        let place = self.geometry.along_rectangle(hit.part, origin + hit.distance * direction)?;
         Some(interpolated(grid, place))
     }
 }

@@ -233,7 +233,13 @@ fn shadowing(input: &PlanInput<'_>, albedo: f64, ignored: bool) -> Effect {
             1.0 - blocked,
             pilot.valid,
             100.0 * blocked,
-            if always { "proofs are switched off".into() } else { format!("{:.1} % are proven open", 100.0 * open) }
+            if always {
+                "proofs are switched off".into()
+            } else if input.surroundings.is_some() {
+                "among walls every texel is traced".into()
+            } else {
+                format!("{:.1} % are proven open", 100.0 * open)
+            }
         );
     } else {
         row.reason = format!(
@@ -382,7 +388,10 @@ fn emission(input: &PlanInput<'_>) -> Effect {
 fn bands(input: &PlanInput<'_>) -> Effect {
     let coefficients = input.bands.iter().map(|b| b * b).sum::<usize>();
     let setting = format!("{:?} bands a layer, {coefficients} coefficients", input.bands);
-    let reason = "the environment is chosen at relight, which stops at the highest band that carries energy";
+    let reason = match input.surroundings {
+        Some(s) if s.escape == 0.0 => "no path of the trial reached the environment: --bands 1 saves space",
+        _ => "the environment is chosen at relight, which stops at the highest band that carries energy",
+    };
     Effect { on: true, ..absent("bands", &setting, reason) }
 }
 

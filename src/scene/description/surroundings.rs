@@ -301,8 +301,11 @@ fn finish(section: &Section<'_>) -> Result<Finish> {
     })
 }
 
+/// Of each face of a room, where it has its own.
+type AlbedosOfFaces = [Option<[f32; 3]>; 6];
+
 /// Albedos of the faces of a room, and which are open.
-fn faces(section: &Section<'_>) -> Result<([Option<[f32; 3]>; 6], [bool; 6])> {
+fn faces(section: &Section<'_>) -> Result<(AlbedosOfFaces, [bool; 6])> {
     let (mut albedos, mut open) = ([None; 6], [false; 6]);
     if let Some(item) = section.get("faces") {
         let table = item.section(&FACES)?;

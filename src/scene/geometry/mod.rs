@@ -226,10 +226,19 @@ impl Geometry {
         }
     }
 
-    /// Number of a wall's part, if it is a rectangle: its corner and edges.
-    pub fn rectangle(&self, part: u32) -> Option<[DVec3; 3]> {
+    /// A point of a rectangle and its normal, by the number of the part and coordinates along the edges; `None` for other
+    /// parts.
+    pub fn on_rectangle(&self, part: u32, [u, v]: [f64; 2]) -> Option<(DVec3, DVec3)> {
         match self.primitives.get(part as usize) {
-            Some(Primitive::Rectangle(flat)) => Some([flat.corner, flat.u, flat.v]),
+            Some(Primitive::Rectangle(flat)) => Some((flat.corner + u * flat.u + v * flat.v, flat.normal)),
+            _ => None,
+        }
+    }
+
+    /// The inverse of [`Self::on_rectangle`]: coordinates along the edges of a point of the plane.
+    pub fn along_rectangle(&self, part: u32, point: DVec3) -> Option<[f64; 2]> {
+        match self.primitives.get(part as usize) {
+            Some(Primitive::Rectangle(flat)) => Some(flat.coordinates(point)),
             _ => None,
         }
     }

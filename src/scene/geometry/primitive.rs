@@ -113,6 +113,12 @@ impl Flat {
         usable.then(|| Self { corner, u, v, normal, area, to_u: v.cross(normal) / area, to_v: normal.cross(u) / area })
     }
 
+    /// Coordinates along the edges of a point of the plane.
+    pub(super) fn coordinates(&self, point: DVec3) -> [f64; 2] {
+        let inside = point - self.corner;
+        [inside.dot(self.to_u), inside.dot(self.to_v)]
+    }
+
     /// Distance to the plane and coordinates there.
     fn meet(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64, f64)> {
         let approach = direction.dot(self.normal);
@@ -120,8 +126,8 @@ impl Flat {
             return None;
         }
         let t = (self.corner - origin).dot(self.normal) / approach;
-        let inside = origin + t * direction - self.corner;
-        Some((t, inside.dot(self.to_u), inside.dot(self.to_v)))
+        let [u, v] = self.coordinates(origin + t * direction);
+        Some((t, u, v))
     }
 }
 
