@@ -1,70 +1,11 @@
 //! The program from outside: the main path on small fields, and what it says to bad input.
 
-use assert_cmd::Command;
-use serde_json::Value;
+#[allow(dead_code, reason = "each test uses what it needs")]
+#[path = "common/program.rs"]
+mod program;
+
+use program::{Bench, collect};
 use std::path::{Path, PathBuf};
-use tempfile::TempDir;
-
-/// A folder that disappears with the test, and the program run in it.
-struct Bench {
-    folder: TempDir,
-}
-
-impl Bench {
-    fn new() -> Self {
-        Self { folder: TempDir::new().expect("a temporary folder") }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn command(&self, line: &str) -> Command {
-        let mut command = Command::cargo_bin("isolume").expect("the program is built");
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        // Nothing may land in the home of who runs the tests.
-        command.env("HOME", self.folder.path()).env_remove("XDG_CACHE_HOME");
-        command
-    }
-
-    /// Runs a line that must succeed and returns its standard output.
-    fn run(&self, line: &str) -> String {
-        let output = self.command(line).assert().success().get_output().stdout.clone();
-        String::from_utf8(output).expect("text")
-    }
-
-    fn json(&self, line: &str) -> Value {
-        serde_json::from_str(&self.run(&format!("{line} --json"))).expect("one JSON document")
-    }
-
-    /// Runs a line that must fail with exit code 1, one `error:` line, and nothing new in the folder; returns
-    /// what it said.
-    fn refuses(&self, line: &str) -> String {
-        let before = self.names();
-        let output = self.command(line).assert().code(1).get_output().clone();
-        let text = String::from_utf8(output.stderr).expect("text");
-        assert_eq!(text.lines().filter(|l| l.starts_with("error: ")).count(), 1, "{line}: {text}");
-        assert_eq!(self.names(), before, "{line} left something behind");
-        text
-    }
-
-    fn names(&self) -> Vec<PathBuf> {
-        let mut names = Vec::new();
-        collect(self.folder.path(), &mut names);
-        names.sort();
-        names
-    }
-}
-
-fn collect(folder: &Path, names: &mut Vec<PathBuf>) {
-    for entry in std::fs::read_dir(folder).expect("a folder") {
-        let path = entry.expect("an entry").path();
-        if path.is_dir() {
-            collect(&path, names);
-        }
-        names.push(path);
-    }
-}
 
 fn bytes(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut names = Vec::new();

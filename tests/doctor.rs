@@ -1,42 +1,21 @@
 //! `isolume doctor` from outside: what it says of healthy, odd and broken files.
 
-use assert_cmd::Command;
+#[allow(dead_code, reason = "each test uses what it needs")]
+#[path = "common/program.rs"]
+mod program;
+
+use program::Bench;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use tempfile::TempDir;
-
-struct Bench {
-    folder: TempDir,
-}
 
 impl Bench {
-    fn new() -> Self {
-        Self { folder: TempDir::new().expect("a temporary folder") }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn command(&self, line: &str) -> Command {
-        let mut command = Command::cargo_bin("isolume").expect("the program is built");
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        command.env("HOME", self.folder.path()).env_remove("XDG_CACHE_HOME");
-        command
-    }
-
-    fn run(&self, line: &str) -> String {
-        let output = self.command(line).assert().success().get_output().stdout.clone();
-        String::from_utf8(output).expect("text")
-    }
-
-    fn json(&self, file: &str) -> Value {
-        serde_json::from_str(&self.run(&format!("doctor {file} --json"))).expect("one JSON document")
+    fn diagnosis(&self, file: &str) -> Value {
+        self.json(&format!("doctor {file}"))
     }
 
     /// Count, total and text of a finding.
     fn finding(&self, file: &str, topic: &str) -> (u64, u64, String) {
-        let all = self.json(file);
+        let all = self.diagnosis(file);
         let findings = all["findings"].as_array().expect("findings");
         let found = findings.iter().find(|f| f["topic"] == topic);
         let found = found.unwrap_or_else(|| panic!("no {topic} for {file}: {all:#}"));
@@ -45,7 +24,7 @@ impl Bench {
     }
 
     fn topics(&self, file: &str) -> Vec<String> {
-        let findings = self.json(file)["findings"].as_array().expect("findings").clone();
+        let findings = self.diagnosis(file)["findings"].as_array().expect("findings").clone();
         findings.iter().map(|f| f["topic"].as_str().expect("a topic").to_string()).collect()
     }
 
@@ -89,7 +68,7 @@ fn a_volume_is_told_with_counts_in_text_and_json() {
         assert!(text.contains(part), "{part} in {text}");
     }
     assert!(text.lines().all(|l| l.chars().count() <= 100), "{text}");
-    assert_eq!(bench.json("odd.dat")["kind"], "volume");
+    assert_eq!(bench.diagnosis("odd.dat")["kind"], "volume");
 }
 
 #[test]
@@ -112,7 +91,7 @@ fn a_probe_is_told_by_its_content() {
         _ => (1.0, 1.0, 1.0),
     };
     exr::prelude::write_rgb_file(bench.path("probe.nii"), 64, 32, pixel).expect("written");
-    assert_eq!(bench.json("probe.nii")["kind"], "probe");
+    assert_eq!(bench.diagnosis("probe.nii")["kind"], "probe");
     assert_eq!(bench.finding("probe.nii", "not finite").0, 1);
     assert_eq!(
         bench.finding("probe.nii", "negative"),
@@ -147,7 +126,7 @@ fn a_store_is_verified_to_the_last_brick() {
     let bench = Bench::new();
     bench.run("bake gyroid:40 --rays 4 --layers 1 --bands 1 --quiet -o s.isolume");
     assert_eq!(bench.topics("s.isolume"), [] as [&str; 0]);
-    let sound = bench.json("s.isolume");
+    let sound = bench.diagnosis("s.isolume");
     assert_eq!(
         (&sound["kind"], &sound["summary"]["chunks"], &sound["summary"]["sound"]),
         (&"store".into(), &8.into(), &8.into())
@@ -171,7 +150,7 @@ fn a_store_is_verified_to_the_last_brick() {
     std::fs::copy(&stderr[3], &stderr[2]).expect("copied");
     let (count, _, text) = bench.finding("s.isolume", "torn chunks");
     assert!(count == 1 && text.contains("/stderr/c/"), "{text}");
-    assert_eq!(bench.json("s.isolume")["summary"]["sound"], 5);
+    assert_eq!(bench.diagnosis("s.isolume")["summary"]["sound"], 5);
     // The volume's own copy.
     let data = files(&bench.path("s.isolume"), "/data/c/");
     let bytes = std::fs::read(&data[0]).expect("a chunk");
@@ -218,7 +197,7 @@ fn real_files_are_told() {
     assert_eq!(bench.finding(&volume.display().to_string(), "saturation").0, 3484);
     assert_eq!(bench.finding(&probe.display().to_string(), "negative").0, 3);
     for file in [volume, probe] {
-        for finding in bench.json(&file.display().to_string())["findings"].as_array().expect("findings") {
+        for finding in bench.diagnosis(&file.display().to_string())["findings"].as_array().expect("findings") {
             assert!(finding["handled"].as_str().is_some_and(|t| t.len() > 20), "{finding}");
         }
     }

@@ -2,52 +2,22 @@
 
 #[path = "common/cases.rs"]
 mod cases;
+#[allow(dead_code, reason = "each test uses what it needs")]
+#[path = "common/program.rs"]
+mod program;
 
-use assert_cmd::Command;
 use cases::npy;
-use std::path::PathBuf;
-use tempfile::TempDir;
-
-/// A folder that disappears with the test, and the program run in it.
-struct Bench {
-    folder: TempDir,
-}
+use program::Bench;
 
 impl Bench {
-    fn new() -> Self {
-        Self { folder: TempDir::new().expect("a temporary folder") }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
     /// Writes a volume of bytes.
-    fn bytes(&self, name: &str, dims: [usize; 3], value: impl Fn(usize) -> u8) {
+    fn volume(&self, name: &str, dims: [usize; 3], value: impl Fn(usize) -> u8) {
         let count = dims.iter().product();
-        std::fs::write(self.path(name), npy("|u1", dims, (0..count).map(value))).expect("a file");
-    }
-
-    /// Runs a line; its exit code, standard output and standard error.
-    fn run(&self, line: &str) -> (i32, String, String) {
-        let mut command = Command::cargo_bin("isolume").expect("the program is built");
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        // Nothing may land in the home of who runs the tests.
-        command.env("HOME", self.folder.path()).env_remove("XDG_CACHE_HOME");
-        let output = command.output().expect("the program runs");
-        let text = |bytes| String::from_utf8(bytes).expect("text");
-        (output.status.code().expect("an exit code"), text(output.stdout), text(output.stderr))
-    }
-
-    fn refuses(&self, line: &str) -> String {
-        let (code, _, said) = self.run(line);
-        assert_eq!(code, 1, "{line}: {said}");
-        assert_eq!(said.lines().filter(|l| l.starts_with("error: ")).count(), 1, "{line}: {said}");
-        said
+        self.write(name, npy("|u1", dims, (0..count).map(value)));
     }
 
     fn succeeds(&self, line: &str) -> String {
-        let (code, out, said) = self.run(line);
+        let (code, out, said) = self.outcome(line);
         assert_eq!(code, 0, "{line}: {said}");
         out
     }
@@ -58,8 +28,8 @@ const RELIGHT: &str = "--env constant --rays 4 --layers 2 --cache cache";
 #[test]
 fn what_has_no_surface_is_an_error_or_with_allow_empty_an_empty_valid_file() {
     let bench = Bench::new();
-    bench.bytes("flat.npy", [6, 5, 4], |_| 7);
-    bench.bytes("ramp.npy", [6, 5, 4], |i| i as u8);
+    bench.volume("flat.npy", [6, 5, 4], |_| 7);
+    bench.volume("ramp.npy", [6, 5, 4], |i| i as u8);
     for isovalue in ["7", "auto", "50%", "3", "1e300"] {
         let said = bench.refuses(&format!("relight flat.npy --isovalue {isovalue} {RELIGHT} -o a.glb"));
         assert!(said.contains("no surface"), "{said}");
@@ -95,16 +65,16 @@ fn what_has_no_surface_is_an_error_or_with_allow_empty_an_empty_valid_file() {
     bench.succeeds(&format!("relight ramp.npy --isovalue 50 {RELIGHT} -o r.glb --allow-empty"));
     let glb = gltf::Gltf::from_slice(&std::fs::read(bench.path("r.glb")).expect("a file")).expect("a valid file");
     assert_eq!(glb.meshes().count(), 1);
-    assert_eq!(bench.run(&format!("relight flat.npy --isovalue x {RELIGHT} -o a.glb --allow-empty")).0, 2);
+    assert_eq!(bench.outcome(&format!("relight flat.npy --isovalue x {RELIGHT} -o a.glb --allow-empty")).0, 2);
 }
 
 #[test]
 fn grids_of_one_cell_are_lit_and_grids_without_cells_refused() {
     let bench = Bench::new();
-    bench.bytes("cell.npy", [2, 2, 2], |i| 30 * i as u8);
+    bench.volume("cell.npy", [2, 2, 2], |i| 30 * i as u8);
     bench.succeeds(&format!("relight cell.npy --isovalue 100 {RELIGHT} -o c.glb"));
     for (name, dims) in [("a", [1, 6, 5]), ("b", [6, 1, 5]), ("c", [6, 5, 1])] {
-        bench.bytes(&format!("{name}.npy"), dims, |i| i as u8);
+        bench.volume(&format!("{name}.npy"), dims, |i| i as u8);
         let said = bench.refuses(&format!("relight {name}.npy --isovalue 10 {RELIGHT} -o x.glb"));
         assert!(said.contains("at least 2 samples along each axis"), "{said}");
         assert!(bench.refuses(&format!("bake {name}.npy --rays 4 -o {name}.isolume")).contains("at least 2 samples"));
@@ -115,7 +85,7 @@ fn grids_of_one_cell_are_lit_and_grids_without_cells_refused() {
 #[test]
 fn more_memory_than_allowed_is_refused_with_the_figure_and_what_to_change() {
     let bench = Bench::new();
-    bench.bytes("v.npy", [9, 9, 9], |i| (i % 251) as u8);
+    bench.volume("v.npy", [9, 9, 9], |i| (i % 251) as u8);
     for texture in ["100000x100000x1000", "2000000x2000000x2000000", "18446744073709551615x2x2"] {
         let said = bench.refuses(&format!("bake v.npy --rays 4 --texture {texture} -o v.isolume"));
         assert!(said.contains("--texture") && said.contains("limit"), "{said}");
@@ -130,9 +100,9 @@ fn albedo_1_with_emission_says_what_it_left_out() {
     let bench = Bench::new();
     // A closed room: solid outside a ball.
     let far = |i: usize| [i % 13, i / 13 % 13, i / 169].map(|v| (v as f64 - 6.0).powi(2)).iter().sum::<f64>().sqrt();
-    bench.bytes("room.npy", [13, 13, 13], |i| (20.0 * far(i)) as u8);
+    bench.volume("room.npy", [13, 13, 13], |i| (20.0 * far(i)) as u8);
     let line = format!("relight room.npy --isovalue 95 {RELIGHT} --albedo 1 --emission 1 -o room.glb");
-    let (code, _, said) = bench.run(&line);
+    let (code, _, said) = bench.outcome(&line);
     assert_eq!(code, 0, "{said}");
     assert!(said.contains("albedo 1 with emission has no end") && said.contains("1.000"), "{said}");
 }

@@ -1,13 +1,16 @@
 //! What the plan leaves out stays within what it says, and costs nothing: eight scenes, planned against full.
 
-use assert_cmd::Command;
+#[allow(dead_code, reason = "each test uses what it needs")]
+#[path = "common/program.rs"]
+mod program;
+
 use isolume::level::Pyramid;
 use isolume::transfer::{Lattice, Layers, Layout};
 use isolume::transport::{Bake, Settings, pilot};
 use isolume::volume::field::by_name;
+use program::Bench;
 use serde_json::Value;
 use std::path::Path;
-use tempfile::TempDir;
 
 struct Planned {
     name: &'static str,
@@ -103,13 +106,6 @@ const SCENES: [Planned; 8] = [
     },
 ];
 
-fn json(folder: &Path, line: &str) -> Value {
-    let mut command = Command::cargo_bin("isolume").expect("the program is built");
-    command.current_dir(folder).env("HOME", folder).env_remove("XDG_CACHE_HOME");
-    let output = command.args(line.split_whitespace()).arg("--json").assert().success().get_output().stdout.clone();
-    serde_json::from_slice(&output).expect("one JSON document")
-}
-
 fn row<'a>(plan: &'a Value, name: &str) -> &'a Value {
     plan["effects"].as_array().expect("rows").iter().find(|e| e["name"] == name).expect("a row")
 }
@@ -141,19 +137,18 @@ fn mean_radiance(path: &Path) -> (f64, usize) {
 #[test]
 fn eight_scenes_planned_and_full() {
     for scene in SCENES {
-        let folder = TempDir::new().expect("a folder");
-        let here = folder.path();
+        let bench = Bench::new();
         let Planned { name, volume, isovalue, albedo, .. } = scene;
         let light = if scene.off.contains(&"luminaires") { CONSTANT } else { LAMP };
         let text = format!(
             "volume = \"{volume}\"\nisovalues = {isovalue}\n[material]\nalbedo = {albedo}\n{}{light}[bake]\nrays = 64\nbands = 2\n",
             scene.rest
         );
-        std::fs::write(here.join("s.toml"), text).expect("a file");
-        let needed = json(here, "plan s.toml --layers 8")["layers_needed"].as_u64().expect("a number");
-        let plan = json(here, &format!("plan s.toml --layers {needed}"));
+        bench.write("s.toml", text);
+        let needed = bench.json("plan s.toml --layers 8")["layers_needed"].as_u64().expect("a number");
+        let plan = bench.json(&format!("plan s.toml --layers {needed}"));
         let stated: f64 = plan["effects"].as_array().expect("rows").iter().filter_map(|e| e["error"].as_f64()).sum();
-        let baked = json(here, &format!("bake s.toml --layers {needed} -o planned.isolume"));
+        let baked = bench.json(&format!("bake s.toml --layers {needed} -o planned.isolume"));
         for effect in scene.off {
             assert_eq!(row(&plan, effect)["on"], false, "{name}: {effect}");
             let counters = baked["bake"]["effects"][effect].as_object();
@@ -163,15 +158,15 @@ fn eight_scenes_planned_and_full() {
         }
         let alone = !scene.rest.contains("shape") && !light.contains("shape");
         let traced = if alone { "--effects +shadowing" } else { "" };
-        json(here, &format!("bake s.toml --layers 8 {traced} -o full.isolume"));
+        bench.json(&format!("bake s.toml --layers 8 {traced} -o full.isolume"));
         let env = if light == LAMP { "constant:0" } else { "constant" };
         let emission = if scene.rest.contains("emission") { "--emission 1" } else { "" };
         let lit = |store: &str| {
             let line =
                 format!("relight {store}.isolume --isovalue {isovalue} --env {env} --albedo {albedo} {emission}");
-            let told = json(here, &format!("{line} --exposure 0 --radiance -o {store}.ply"));
+            let told = bench.json(&format!("{line} --exposure 0 --radiance -o {store}.ply"));
             let rms = told["files"][0]["error"]["rms_over_mean"].as_f64().expect("an error");
-            let (mean, count) = mean_radiance(&here.join(format!("{store}.ply")));
+            let (mean, count) = mean_radiance(&bench.path(&format!("{store}.ply")));
             // Of eight texels that a vertex reads, vertices around share most.
             (mean, rms * mean / (count as f64 / 8.0).sqrt())
         };

@@ -1,52 +1,12 @@
 //! Scene files through the program: the examples run, options override the file, and mistakes name file and line.
 
-use assert_cmd::Command;
+#[allow(dead_code, reason = "each test uses what it needs")]
+#[path = "common/program.rs"]
+mod program;
+
+use program::Bench;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
-use tempfile::TempDir;
-
-struct Bench {
-    folder: TempDir,
-}
-
-impl Bench {
-    fn new() -> Self {
-        Self { folder: TempDir::new().expect("a temporary folder") }
-    }
-
-    fn command(&self, line: &str) -> Command {
-        let mut command = Command::cargo_bin("isolume").expect("the program is built");
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        command.env("HOME", self.folder.path()).env_remove("XDG_CACHE_HOME");
-        command
-    }
-
-    fn write(&self, name: &str, text: &str) -> PathBuf {
-        let path = self.folder.path().join(name);
-        std::fs::write(&path, text).expect("a file");
-        path
-    }
-
-    fn run(&self, line: &str) -> String {
-        let output = self.command(line).assert().success().get_output().stdout.clone();
-        String::from_utf8(output).expect("text")
-    }
-
-    fn json(&self, line: &str) -> Value {
-        serde_json::from_str(&self.run(&format!("{line} --json"))).expect("one JSON document")
-    }
-
-    fn refuses(&self, line: &str) -> String {
-        let output = self.command(line).assert().code(1).get_output().clone();
-        let text = String::from_utf8(output.stderr).expect("text");
-        assert_eq!(text.lines().filter(|l| l.starts_with("error: ")).count(), 1, "{line}: {text}");
-        text
-    }
-
-    fn bytes(&self, name: &str) -> Vec<u8> {
-        std::fs::read(self.folder.path().join(name)).expect("a file")
-    }
-}
+use std::path::Path;
 
 fn example(name: &str) -> String {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/scenes").join(name).display().to_string()
@@ -331,7 +291,7 @@ fn luminaires_are_relit_without_rays() {
     assert!(bench.bytes("box.png").starts_with(b"\x89PNG"));
     // Baked again nothing is done; other walls are another store.
     assert_eq!(bench.json("bake room.toml -o room.isolume")["bake"]["chunks"]["baked"], 0);
-    bench.write("room.toml", &ROOM.replace("0.6, 0.3", "0.5, 0.3"));
+    bench.write("room.toml", ROOM.replace("0.6, 0.3", "0.5, 0.3"));
     assert!(bench.refuses("bake room.toml -o room.isolume").contains("scene"));
     // Switched off, walls and luminaires are as if they had not been described: the very same store.
     bench.json("bake room.toml --effects -walls,-luminaires -o bare.isolume");
@@ -358,7 +318,7 @@ fn caustics_that_need_photons_are_refused_by_name() {
     let bench = Bench::new();
     let glass = "[[objects]]\nshape = \"sphere\"\ncentre = [0.5, 0.2, 0.5]\nradius = 0.1\nmaterial = \"glass\"\n";
     let bulb = "[[luminaires]]\nname = \"bulb\"\nshape = \"point\"\nposition = [0.5, 0.05, 0.5]\npower = 10\n";
-    bench.write("g.toml", &format!("volume = \"bumpbox:10\"\nisovalues = 47\n[bake]\nrays = 4\n{glass}{bulb}"));
+    bench.write("g.toml", format!("volume = \"bumpbox:10\"\nisovalues = 47\n[bake]\nrays = 4\n{glass}{bulb}"));
     let text = bench.refuses("bake g.toml -o g.isolume");
     assert!(text.contains("bulb") && text.contains("photons") && text.contains("-caustics"), "{text}");
     let plan = bench.json("plan g.toml");

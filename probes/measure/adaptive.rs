@@ -2,11 +2,11 @@
 //!
 //! `cargo run --release --example measure-adaptive -- [TEXELS] [REFERENCE] [VOLUME…]` (20000, 16384, two volumes)
 //!
-//! A fixed random sample of the valid texels of all isosurfaces is baked with 16, 32 … 4096 paths for every texel, and
+//! A fixed random sample of the valid texels of all isosurfaces is baked with 16, 32 … 8192 paths for every texel, and
 //! with error targets of 0.06 … 0.007, and with the targets and caps at which uniform sampling has its 95th percentile; truth is a bake of REFERENCE paths from other random numbers. Prints CSV, one line a
 //! bake: transport rays a texel (all of them, hits included), 95th percentiles of the stated standard error (the larger of
 //! those of Σ a_k and a_0) and of the true error of each, root mean squares, and the bias. Then, for each target, its rays
-//! over those with which uniform sampling (log-log interpolated) has the same percentile or root mean square; and the
+//! over those with which uniform sampling, every texel traced, (log-log interpolated) has the same percentile or root mean square; and the
 //! least that share of rays could be for the root mean square if errors fell as N^−1/2 and σ were known,
 //! (E σ)²/(E σ²).
 
@@ -14,7 +14,7 @@ use isolume::level::Pyramid;
 use isolume::sampling::hash::uniform;
 use isolume::transfer::{BRICK, Lattice, Layers, Layout, Selection, validity};
 use isolume::transport::{Bake, Progress, Settings, Target, bake};
-use isolume::volume::Volume;
+use isolume::volume::{Shadowing, Volume};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -37,6 +37,8 @@ struct Found {
 
 struct Scene {
     volume: Volume,
+    // The same, but texels that are proven to be open are traced like all others.
+    traced: Volume,
     pyramid: Pyramid,
     layout: Layout,
     selection: Selection,
@@ -63,14 +65,17 @@ impl Scene {
             }
         }
         let layout = Layout { lattice, layers: Layers::uniform(4, 3)? };
-        Ok(Self { volume, pyramid, layout, selection, order })
+        let mut traced = volume.clone();
+        traced.shadowing = Shadowing::Traced;
+        Ok(Self { volume, traced, pyramid, layout, selection, order })
     }
 
     fn bake(&self, rays: u32, target: Option<f32>, seed: u64) -> isolume::Result<Found> {
         let layers = self.layout.layers.clone();
         let target_of = |error| Target::escape(&layers, error);
         let settings = Settings { layers: layers.clone(), rays, seed, positive: false, target: target.map(target_of) };
-        let (volume, pyramid, layout, selection) = (&self.volume, &self.pyramid, &self.layout, &self.selection);
+        let volume = if target.is_some() { &self.volume } else { &self.traced };
+        let (pyramid, layout, selection) = (&self.pyramid, &self.layout, &self.selection);
         let job = Bake { volume, pyramid, layout, settings: &settings, selection };
         let mut texels = vec![None; self.order.len()];
         let (n, e) = (layers.coefficients(), layers.errors());
@@ -184,14 +189,14 @@ fn main() -> isolume::Result<()> {
         };
         let mut ladder = Vec::new();
         let mut sigma = Vec::new();
-        for rays in (4..=12).map(|k| 1 << k) {
+        for rays in (4..=13).map(|k| 1 << k) {
             let found = scene.bake(rays, None, 1)?;
             ladder.push(report(&found));
             sigma = found.texels.iter().map(|t| t.stderr).collect();
         }
         // Each target with a generous cap, and with the cap at which uniform sampling has its 95th percentile there: the
         // hardest texels, which no percentile asks for, then get no more than they would.
-        let capped = (5..=11).map(|k| (ladder[k - 4].1[0] as f32, 1u32 << k));
+        let capped = (5..=12).map(|k| (ladder[k - 4].1[0] as f32, 1u32 << k));
         for (target, most) in TARGETS.map(|target| (target, 4096)).into_iter().chain(capped) {
             let (rays, c) = report(&scene.bake(most, Some(target), 1)?);
             let share: Vec<String> = (0..5)

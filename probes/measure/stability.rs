@@ -73,9 +73,9 @@ fn sum<'a>(entries: &'a [Entry], pick: impl Fn(&'a Entry) -> Option<&'a Tally>) 
 
 const HEAD: &str = "      rays      hits      lost  grazing at start    leaks     late self-hit   ghosts      NaN   buried  largest error";
 
-fn row(t: &Tally) -> String {
-    format!(
-        "{:>10}{:>10}{:>10}{:>9}{:>9}{:>9}{:>9}{:>9}{:>9}{:>9}{:>9}{:>15.2e}",
+/// What is counted, in the order of the columns.
+fn counts(t: &Tally) -> [u64; 11] {
+    [
         t.rays,
         t.hits,
         t.lost,
@@ -87,29 +87,21 @@ fn row(t: &Tally) -> String {
         t.ghosts,
         t.not_a_number,
         t.buried,
-        t.worst
-    )
+    ]
+}
+
+fn row(t: &Tally) -> String {
+    let [rays, hits, lost, rest @ ..] = counts(t);
+    let rest: String = rest.iter().map(|n| format!("{n:>9}")).collect();
+    format!("{rays:>10}{hits:>10}{lost:>10}{rest}{:>15.2e}", t.worst)
 }
 
 const COLUMNS: &str =
     "rays,hits,lost,grazing,grazing_at_start,leaks,late,self_hits,ghosts,nan,buried,largest_error_voxels";
 
 fn cells(t: &Tally) -> String {
-    format!(
-        "{},{},{},{},{},{},{},{},{},{},{},{:e}",
-        t.rays,
-        t.hits,
-        t.lost,
-        t.grazing,
-        t.grazing_starts,
-        t.leaks,
-        t.late,
-        t.self_hits,
-        t.ghosts,
-        t.not_a_number,
-        t.buried,
-        t.worst
-    )
+    let list: Vec<String> = counts(t).iter().map(u64::to_string).collect();
+    format!("{},{:e}", list.join(","), t.worst)
 }
 
 fn ours_csv(entries: &[Entry]) -> String {

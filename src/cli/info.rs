@@ -4,7 +4,6 @@ use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::{Isovalue, overview};
 use super::{Outcome, baking, input, options, text};
-use crate::geom::Up;
 use crate::relight::texels_of_isosurface;
 use crate::transfer::store::{Holdings, Store};
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, Selection};
@@ -70,7 +69,7 @@ impl Info {
             "metres_per_unit": metres(volume),
             "world_box": { "min": bounds.min.to_array(), "max": bounds.max.to_array() },
             "left_handed": volume.world_from_grid().is_left_handed(),
-            "up": up_name(volume.up),
+            "up": volume.up.name(),
             "solid": solid_name(volume.solid),
             "range": [low, high],
             "histogram": histogram,
@@ -93,17 +92,6 @@ fn metres(volume: &Volume) -> Option<f64> {
     match volume.unit {
         LengthUnit::Unknown => None,
         LengthUnit::Metres(metres) => Some(metres),
-    }
-}
-
-fn up_name(up: Up) -> &'static str {
-    match up {
-        Up::X => "x",
-        Up::Y => "y",
-        Up::Z => "z",
-        Up::NegX => "-x",
-        Up::NegY => "-y",
-        Up::NegZ => "-z",
     }
 }
 
@@ -145,7 +133,7 @@ fn volume_rows(volume: &Volume) -> Vec<Vec<String>> {
             ),
         ),
         row("world box", format!("{} to {}", point(bounds.min), point(bounds.max))),
-        row("orientation", format!("{hand}, {} is up; solid is {}", up_name(volume.up), solid_name(volume.solid))),
+        row("orientation", format!("{hand}, {} is up; solid is {}", volume.up.name(), solid_name(volume.solid))),
     ]
 }
 

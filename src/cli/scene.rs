@@ -3,7 +3,6 @@
 use super::input::{Input, VolumeArgs};
 use super::{Cli, Command, Failure, Outcome, input};
 use crate::error::{Error, Result};
-use crate::geom::Up;
 use crate::scene::geometry::{Geometry, TriangleMesh};
 use crate::scene::{Effects, Scene, TextureSize, nearest};
 use crate::transfer::store::Store;
@@ -194,7 +193,7 @@ impl SceneFile {
             all.extend(value.map(|value| (id, format!("{option}={value}"))));
         };
         add("solid", "--solid", scene.solid.map(|s| if s == Solid::Above { "above" } else { "below" }.into()));
-        add("up", "--up", scene.up.map(|up| up_name(up).into()));
+        add("up", "--up", scene.up.map(|up| up.name().into()));
         let isovalues: Vec<&str> = scene.isovalues.iter().map(|i| i.value.as_str()).collect();
         let isovalues = Some(isovalues.join(",")).filter(|list| !list.is_empty());
         let bake = &scene.bake;
@@ -250,16 +249,5 @@ fn texture(size: TextureSize) -> String {
     match size {
         TextureSize::Ratio(ratio) => ratio.to_string(),
         TextureSize::Texels([x, y, z]) => format!("{x}x{y}x{z}"),
-    }
-}
-
-fn up_name(up: Up) -> &'static str {
-    match up {
-        Up::X => "x",
-        Up::Y => "y",
-        Up::Z => "z",
-        Up::NegX => "-x",
-        Up::NegY => "-y",
-        Up::NegZ => "-z",
     }
 }

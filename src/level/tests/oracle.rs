@@ -7,6 +7,9 @@ use super::*;
 /// Looks per cell.
 const DENSE: usize = 64;
 
+/// What f64 can tell from 0, in slacks of f32.
+const TOLD: f64 = 1e-6;
+
 /// A field in f64.
 pub(super) struct Twin {
     samples: Vec<f64>,
@@ -28,7 +31,7 @@ pub(super) struct Look {
 impl Look {
     /// Whether f64 can tell f from 0 here.
     pub(super) fn tells(&self) -> bool {
-        self.f.abs() > 1e-6 * self.slack
+        self.f.abs() > TOLD * self.slack
     }
 }
 
@@ -185,15 +188,25 @@ impl Profile {
         ends.chain(inner).fold(f64::INFINITY, |m, (f, slack)| m.min(ratio(f, slack)))
     }
 
-    /// The first parameter ≥ `from` at which f changes to > 0 (`rise`) or to ≤ 0, from a state of
-    /// the other kind at `from`; refined by bisection.
+    /// The first parameter ≥ `from` at which f changes to > 0 (`rise`) or to ≤ 0, as far as f64 can tell, from a
+    /// state of the other kind at `from`; refined by bisection.
     pub(super) fn change(&self, from: f64, rise: bool) -> Option<f64> {
-        let after = self.looks.iter().position(|l| l.t >= from && (l.f > 1e-6 * l.slack) == rise)?;
+        self.change_through(from, rise, TOLD)
+    }
+
+    /// As [`Self::change`] to > 0, but at 0 itself, which lies well before what can be told where f grazes.
+    pub(super) fn rise_through_zero(&self, from: f64) -> Option<f64> {
+        self.change_through(from, true, 0.0)
+    }
+
+    fn change_through(&self, from: f64, rise: bool, slacks: f64) -> Option<f64> {
+        let after = self.looks.iter().position(|l| l.t >= from && (l.f > TOLD * l.slack) == rise)?;
         let (mut low, mut high) =
             (from.max(if after > 0 { self.looks[after - 1].t } else { 0.0 }), self.looks[after].t);
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
-            if (self.at(middle).0 > 0.0) == rise { high = middle } else { low = middle }
+            let (f, slack) = self.at(middle);
+            if (f > slacks * slack) == rise { high = middle } else { low = middle }
         }
         Some(high)
     }

@@ -21,20 +21,37 @@ pub(super) struct Verdicts {
 }
 
 /// Judges one outcome; the message of a wrong one.
+///
+/// Where f stays within the slack from the start up to where f64 first tells it from 0 (a ray that leaves along its
+/// own level set), rounding decides which side f32 takes it to start on: either is right.
 pub(super) fn judge(
     profile: &Profile,
     on_surface: bool,
     outcome: Outcome,
     verdicts: &mut Verdicts,
 ) -> Result<(), String> {
-    let Some(first) = profile.looks.iter().find(|l| l.t > 0.0) else {
+    if !profile.looks.iter().any(|l| l.t > 0.0) {
         // On the border and outward: no way to go, but a start beside the surface may be solid.
         let legal = outcome == Outcome::Escaped || (outcome == Outcome::Lost && !on_surface);
         return if legal { Ok(()) } else { Err(format!("{outcome:?} without a way")) };
-    };
-    // Which side it starts on: the first look that f64 can tell from 0.
-    let told = profile.looks.iter().find(|l| l.tells()).unwrap_or(first);
-    let inside = told.f > 0.0;
+    }
+    let told = profile.looks.iter().find(|l| l.tells());
+    let (told_at, inside) = told.map_or((0.0, false), |l| (l.t, l.f > 0.0));
+    let judgement = judge_from(profile, told_at, inside, outcome, verdicts);
+    if judgement.is_err() && told.is_none_or(|l| l.f.abs() <= l.slack) {
+        return judge_from(profile, told_at, !inside, outcome, verdicts).or(judgement);
+    }
+    judgement
+}
+
+/// As [`judge`], for a ray that starts `inside` the solid or not, as is told at `told_at`.
+fn judge_from(
+    profile: &Profile,
+    told_at: f64,
+    inside: bool,
+    outcome: Outcome,
+    verdicts: &mut Verdicts,
+) -> Result<(), String> {
     if outcome == Outcome::Lost {
         // In the solid for more cells than a ray may be, or to the border.
         let last = profile.looks.iter().rfind(|l| l.exits <= MAX_BURIED_CELLS).unwrap().t;
@@ -67,12 +84,13 @@ pub(super) fn judge(
     let exits_at = |t: f64| profile.looks.iter().find(|l| l.t >= t).map_or(0, |l| l.exits);
     let mut free = 0.0;
     if inside && profile.highest(0.0, before) > 1.0 {
-        free = profile.change(told.t, false).unwrap_or(profile.end());
+        free = profile.change(told_at, false).unwrap_or(profile.end());
         // A gap that f32 may not have seen: the next one.
         while let Some(rise) = profile.change(free, true)
             && rise < before
             && profile.lowest(free, rise) >= -1.0
             && let Some(next) = profile.change(rise, false)
+            && next > free
         {
             free = next;
         }
@@ -90,7 +108,7 @@ pub(super) fn judge(
     if before > free && passed > 1.0 {
         return Err(format!("{outcome:?} at {t}, but a rise of {passed} slacks before: {rise:?}, free {free}"));
     }
-    let error = match (outcome, rise) {
+    let error = match (outcome, profile.rise_through_zero(free)) {
         (Outcome::Hit(_), Some(rise)) => (t - rise).abs(),
         (Outcome::Escaped, None) => 0.0,
         _ => f64::INFINITY,

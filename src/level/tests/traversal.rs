@@ -29,7 +29,6 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 6_000, rng_seed: RngSeed::Fixed(27), failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    #[ignore = "finds the known miss below with some seeds, and shrinks for minutes"]
     fn the_pyramid_changes_no_bit_and_f64_agrees(
         dims in prop::array::uniform3(a_size()),
         // Few solid samples, so that blocks are skipped; whole numbers, so that f is 0 on faces, edges, corners.
@@ -80,11 +79,10 @@ fn as_traced_is_safe(direction: Vec3) -> bool {
     direction.abs().max_element() > 1e-30
 }
 
-/// Found by the property above with another seed, and not mended yet: from a start on the face of a cell that the ray
-/// leaves at once, a bump of f is missed in a later cell.
+/// Found by the property above: f is 0 within rounding for 1.3 voxels along this ray, and rises then. f32 takes the
+/// start for one inside the solid, f64 for one outside; neither is a miss.
 #[test]
-#[ignore = "a known miss"]
-fn a_bump_after_a_start_on_a_face_is_met() {
+fn a_ray_that_leaves_along_its_level_set_may_start_on_either_side() {
     let dims = [3usize, 11, 6];
     let sample = |i: u64| {
         let solid = uniform(985_912, i, 0) * 60.0 < 11.0;
@@ -93,11 +91,16 @@ fn a_bump_after_a_start_on_a_face_is_met() {
     let volume = on_grid(dims, Samples::U8((0..198).map(sample).collect()));
     let twin = Twin::new(&volume);
     with_field!(volume, field => {
-        let mut point = field.locate([0.878_838_9, 7.931_697_6, 2.0]);
-        (point.cell.z, point.local.z) = (2, 0.0);
+        let local = Vec3::new(0.878_838_9, 0.931_697_55, 0.0);
+        let point = CellPoint { cell: IVec3::new(0, 7, 2), local };
         let (c, start, direction) = (field.raw_value(&point), Start::on(point), Vec3::new(0.0, -1.0, -1.0));
+        let profile = twin.profile(c, &start, direction);
+        assert!(profile.highest(0.0, 1.317).max(-profile.lowest(0.0, 1.317)) < 1e-2, "not along its level set");
         let fast = field.trace(c, &start, direction, &mut Counts::default());
-        let told = judge(&twin.profile(c, &start, direction), true, fast, &mut Verdicts::default());
+        let told = judge(&profile, true, fast, &mut Verdicts::default());
         assert!(told.is_ok(), "{told:?}: {start:?}, {c}, {fast:?}");
+        // Three thousandths of a slack more, and it is outside: the rise at 1.3176 is met.
+        let beside = field.trace(c * (1.0 + 1e-6), &start, direction, &mut Counts::default());
+        assert!(matches!(beside, Outcome::Hit(_)), "{beside:?}");
     });
 }

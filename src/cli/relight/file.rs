@@ -1,0 +1,283 @@
+//! One surface under one light, looked up and written.
+
+use super::Relight;
+use super::report::finite;
+use crate::cli::light::Lighting;
+use crate::cli::output::{Format, Target};
+use crate::cli::picture::develop;
+use crate::cli::scene_light::contracted;
+use crate::cli::scene_walls::{WallQuestion, Walls, in_view};
+use crate::cli::surface::Surface;
+use crate::cli::{Failure, Outcome, info, text};
+use crate::export::gltf::{ColourFormat, GltfOptions};
+use crate::export::{Image, atomic, gltf, ply, png};
+use crate::geom::Up;
+use crate::level::{Counts, Pyramid};
+use crate::probe::Probe;
+use crate::relight::{Contracted, Exposure, LookupReport, Material, SurfaceError};
+use crate::render::{Camera, RenderOptions, render_among, render_with_suns, sun_visibility};
+use crate::scene::geometry::Geometry;
+use crate::scene::{EmissionRule, MaterialRule};
+use crate::transfer::store::Store;
+use crate::volume::Volume;
+use serde_json::{Value, json};
+use std::time::{Duration, Instant};
+
+/// What one file took.
+#[derive(Clone, Copy, Default)]
+pub(in crate::cli) struct Times {
+    pub(super) contract: Duration,
+    pub(super) look_up: Duration,
+    pub(super) render: Duration,
+    pub(super) write: Duration,
+}
+
+impl Times {
+    /// From the light to the file.
+    pub(in crate::cli) fn total(&self) -> Duration {
+        self.contract + self.look_up + self.render + self.write
+    }
+}
+
+/// One file and how it came about.
+pub(in crate::cli) struct Written {
+    pub(in crate::cli) target: Target,
+    pub(in crate::cli) isovalue: f64,
+    pub(in crate::cli) env: String,
+    pub(in crate::cli) times: Times,
+    /// The picture, where the file is one.
+    pub(in crate::cli) image: Option<Image>,
+    pub(super) report: LookupReport,
+    /// Standard error of the radiance at the vertices.
+    pub(super) error: SurfaceError,
+    /// Its root mean square over the mean radiance.
+    pub(in crate::cli) rms_over_mean: f64,
+    pub(super) exposure: f32,
+    pub(super) negative: u64,
+    /// Visibility rays of suns that were split off.
+    pub(super) sun_rays: u64,
+    /// What was done to the light.
+    pub(super) notes: Vec<String>,
+    pub(super) remainder: f32,
+    pub(super) camera: Counts,
+    pub(super) bytes: u64,
+}
+
+/// Root mean square of the standard errors of the vertices over their mean radiance (mean of the channels); 0
+/// for a black surface.
+fn rms_over_mean(radiance: &[[f32; 3]], errors: &[f32]) -> f64 {
+    let count = radiance.len().max(1) as f64;
+    let mean = radiance.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3.0 * count);
+    let square = errors.iter().map(|&e| f64::from(e).powi(2)).sum::<f64>() / count;
+    if mean > 0.0 { square.sqrt() / mean } else { 0.0 }
+}
+
+/// What does not change from file to file.
+pub(super) struct Context<'a> {
+    pub(super) command: &'a Relight,
+    pub(super) store: &'a Store,
+    pub(super) volume: &'a Volume,
+    pub(super) pyramid: &'a Pyramid,
+    pub(super) rule: &'a MaterialRule,
+    pub(super) emission: &'a EmissionRule,
+    pub(super) up: Up,
+    /// What to type to bake an isovalue that is missing.
+    pub(super) bake_hint: String,
+    /// What stands around the volume, where it is known.
+    pub(super) geometry: Option<&'a Geometry>,
+}
+
+impl Context<'_> {
+    pub(super) fn light(&self, surface: &Surface, probe: &Probe, target: Target) -> Outcome<Written> {
+        let c = self.command;
+        let isovalue = surface.isovalue;
+        let lighting = c.light.prepare(probe, self.up, &self.store.layout().layers, c.splits_sun())?;
+        let light = &lighting.light;
+        let material = Material::new(self.rule.albedo(isovalue), self.emission.at(isovalue))?;
+        let mut times = Times::default();
+        let start = Instant::now();
+        let mut contracted = contracted(self.store, &surface.bricks, &lighting, &material, &c.light.luminaires)?;
+        let mut notes = lighting.notes.clone();
+        if lighting.certified {
+            let clamped = contracted.clamp_negative();
+            notes.push(format!(
+                "{}: {} of {} texels were below 0 by noise or rounding and are 0 now, {} of the energy",
+                probe.name,
+                text::count(clamped.texels),
+                text::count(clamped.of_texels),
+                text::percent(clamped.energy)
+            ));
+        }
+        times.contract = start.elapsed();
+        let start = Instant::now();
+        let mut lit = contracted.look_up(&surface.mesh.positions_in_grid, &surface.mesh.normals, light, &material);
+        let mut sun_rays = 0;
+        for sun in &lighting.suns {
+            let (positions, normals) = (&surface.mesh.positions_in_grid, &surface.mesh.normals);
+            let seen = sun_visibility(self.volume, self.pyramid, isovalue, positions, normals, sun);
+            lit.add_sun(&seen.lit, sun.flux, &material);
+            sun_rays += seen.counts.rays;
+        }
+        let errors = contracted.look_up_errors(&surface.mesh.positions_in_grid);
+        times.look_up = start.elapsed();
+        if lit.report.unbaked > 0 {
+            return Err(self.unbaked(isovalue, &lit.report));
+        }
+        let exposure = c.material.exposure.factor(&lit.radiance);
+        let mut written = Written {
+            target,
+            isovalue,
+            env: probe.name.clone(),
+            times,
+            image: None,
+            report: lit.report,
+            error: SurfaceError::new(&lit.radiance, &errors),
+            rms_over_mean: rms_over_mean(&lit.radiance, &errors),
+            exposure,
+            negative: lit.radiance.iter().filter(|v| v.iter().any(|&x| x < 0.0)).count() as u64,
+            remainder: contracted.emission_remainder,
+            camera: Counts::default(),
+            sun_rays,
+            notes,
+            bytes: 0,
+        };
+        let record = self.record(probe, &material, &written);
+        match written.target.format {
+            Format::Png => self.write_picture(surface, &contracted, &lighting, &material, record, &mut written)?,
+            _ => self.write_mesh(surface, &lit.radiance, &errors, record, &mut written)?,
+        }
+        written.bytes = std::fs::metadata(&written.target.path).map_or(0, |m| m.len());
+        Ok(written)
+    }
+
+    /// What a picture shows of the walls of the scene.
+    fn walls(
+        &self,
+        isovalue: f64,
+        camera: &Camera,
+        options: &RenderOptions,
+        lighting: &Lighting,
+        material: &Material,
+    ) -> Outcome<Option<Walls<'_>>> {
+        let Some(geometry) = self.geometry else { return Ok(None) };
+        let rays = self.command.transfer.rays.unwrap_or(64);
+        let question = WallQuestion { volume: self.volume, pyramid: self.pyramid, isovalue, material, rays };
+        Ok(Some(Walls::new(geometry, &question, camera, options, lighting, &self.command.light.luminaires)?))
+    }
+
+    fn write_mesh(
+        &self,
+        surface: &Surface,
+        radiance: &[[f32; 3]],
+        errors: &[f32],
+        record: Value,
+        written: &mut Written,
+    ) -> Outcome {
+        let args = &self.command.mesh;
+        let start = Instant::now();
+        let colours = Exposure::apply(written.exposure, radiance);
+        let name = format!("{} {}", self.volume.name, text::number(surface.isovalue, 8));
+        let mesh = surface.export(&name, self.volume, self.up, &colours, args.radiance.then_some((radiance, errors)));
+        let path = &written.target.path;
+        if written.target.format == Format::Ply {
+            let options = ply::PlyOptions { provenance: record, ..Default::default() };
+            atomic::write(path, |w| ply::write(w, &mesh, &options))?;
+        } else {
+            let colour_format = if args.float_color { ColourFormat::F32 } else { ColourFormat::U16 };
+            let options = GltfOptions { colour_format, scale: args.scale, provenance: record, ..Default::default() };
+            atomic::write(path, |w| gltf::write(w, &mesh, &options))?;
+        }
+        written.times.write = start.elapsed();
+        Ok(())
+    }
+
+    fn write_picture(
+        &self,
+        surface: &Surface,
+        contracted: &Contracted,
+        lighting: &Lighting,
+        material: &Material,
+        record: Value,
+        written: &mut Written,
+    ) -> Outcome {
+        let args = &self.command.picture;
+        let start = Instant::now();
+        let (width, height) = args.size;
+        let (aspect, projection) = (width as f64 / height as f64, args.projection());
+        let camera = match in_view(self.geometry, self.volume) {
+            Some(bounds) => Camera::framing(&bounds, self.up, args.view, projection, aspect),
+            None => surface.camera(self.volume, self.up, args.view, projection, aspect),
+        };
+        let options = RenderOptions { width, height, supersampling: SUPERSAMPLING };
+        let (isovalue, light, suns) = (surface.isovalue, &lighting.light, &lighting.suns);
+        if self.geometry.is_none() && self.store.identity().scene.is_some() {
+            let note = "the store does not hold the walls: relight the scene file to see them in pictures";
+            written.notes.push(note.into());
+        }
+        let (volume, pyramid) = (self.volume, self.pyramid);
+        let picture = match self.walls(isovalue, &camera, &options, lighting, material)? {
+            Some(walls) => {
+                let backdrop = |origin, direction, limit, pixel| walls.seen(origin, direction, limit, pixel);
+                render_among(volume, pyramid, isovalue, contracted, light, material, &camera, &options, &backdrop)
+            }
+            None => render_with_suns(volume, pyramid, isovalue, contracted, light, material, &camera, &options, suns),
+        };
+        if picture.report.unbaked > 0 {
+            return Err(self.unbaked(surface.isovalue, &picture.report));
+        }
+        written.report += picture.report;
+        written.camera = picture.counts;
+        written.times.render = start.elapsed();
+        let start = Instant::now();
+        let image = develop(&picture, written.exposure, args.background)?;
+        let options = png::PngOptions {
+            alpha: args.background[3] < 1.0,
+            software: Some(concat!("isolume ", env!("CARGO_PKG_VERSION")).into()),
+            description: Some(record.to_string()),
+        };
+        atomic::write(&written.target.path, |w| png::write(w, &image, &options))?;
+        written.image = Some(image);
+        written.times.write = start.elapsed();
+        Ok(())
+    }
+
+    /// The error for a surface whose texels the store does not have.
+    fn unbaked(&self, isovalue: f64, report: &LookupReport) -> Failure {
+        let held = self.store.holdings().map_or("unknown".into(), |h| info::isovalues_text(&h));
+        let value = text::number(isovalue, 8);
+        let source = self.store.provenance()["input"].as_str().unwrap_or("VOLUME").to_string();
+        Failure::Message(format!(
+            "{}: {} of {} lookups at isovalue {value} meet texels that were never baked; \
+             the store holds these isovalues: {held}; \
+             bake the missing ones into it: isolume bake {source} --isovalues {value} -o {} \
+             (with the options of the first bake)",
+            self.bake_hint,
+            text::count(report.unbaked),
+            text::count(report.lookups),
+            self.store.path().display(),
+        ))
+    }
+
+    /// How the file was made; nothing in it depends on the machine, the threads or the clock.
+    fn record(&self, probe: &Probe, material: &Material, written: &Written) -> Value {
+        let c = self.command;
+        json!({
+            "program": concat!("isolume ", env!("CARGO_PKG_VERSION")),
+            "volume": self.volume.name,
+            "store": self.store.identity().hash(),
+            "isovalue": written.isovalue,
+            "solid": self.store.identity().solid,
+            "environment": probe.name,
+            "env_rotate_degrees": c.light.env_rotate,
+            "bands": c.light.bands.map_or(self.store.layout().layers.max_bands(), usize::from),
+            "window": c.light.window_name(),
+            "albedo": material.albedo,
+            "emission": material.emission,
+            "exposure_ev": f64::from(written.exposure).log2(),
+            "error": { "rms_over_mean": written.rms_over_mean, "median_relative": finite(written.error.median) },
+        })
+    }
+}
+
+/// Rays along each side of a pixel.
+const SUPERSAMPLING: usize = 2;

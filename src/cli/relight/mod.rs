@@ -1,0 +1,256 @@
+//! `isolume relight`: light on surfaces, from a store, in milliseconds.
+
+mod file;
+mod report;
+mod work;
+
+pub(super) use file::Written;
+
+use super::console::Console;
+use super::input::VolumeArgs;
+use super::isovalue::{Chosen, Isovalue};
+use super::light::{LightArgs, MaterialArgs, open_probe};
+use super::options::TransferArgs;
+use super::picture::PictureArgs;
+use super::scene::SceneFile;
+use super::surface::Surface;
+use super::{Failure, Outcome, info, options, text};
+use crate::error::Error;
+use crate::probe::Probe;
+use crate::scene::{EmissionRule, MaterialRule};
+use crate::transfer::store::Store;
+use crate::volume::Volume;
+use report::report;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+use work::{Source, Work};
+
+/// Light isosurfaces by environments and write them as .glb, .ply or .png
+///
+/// From a store nothing is traced: transfer and light are multiplied. A volume is baked first, for the
+/// isovalues asked for, into a store in the user's cache folder; the next run finds it there. Where that takes
+/// longer than a moment, a draft of 16 rays a texel is written first, then replaced.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:
+  isolume relight brain.isolume --isovalue 90 --env courtyard -o brain.glb
+  isolume relight brain.isolume --isovalue 90,160 --env sunset.exr --env studio -o \"{isovalue}-{env}.png\"
+  isolume relight bumpbox:96 --isovalue auto --env sun:45,30 --view 30,40 -o bumps.png
+  isolume relight scene.toml --exposure -1")]
+pub(in crate::cli) struct Relight {
+    /// Store, or a volume file, field or scene (.toml) that is baked first
+    #[arg(value_name = "X.isolume|VOLUME|SCENE")]
+    input: String,
+    /// Isovalues: numbers in the file's values, percentages of their range, or auto
+    #[arg(short, long, value_name = "C[,C…]", value_delimiter = ',', required = true, allow_hyphen_values = true)]
+    isovalue: Vec<Isovalue>,
+    /// Environment: an image file, courtyard, studio, sunset, or a sky: constant, gradient, overcast, sky, sun:AZ,EL
+    #[arg(short, long, value_name = "PROBE", required = true)]
+    env: Vec<String>,
+    /// File to write, or several; the ending decides the format. For several surfaces: a name with {isovalue} and {env},
+    /// or a directory
+    #[arg(short, long, value_name = "FILE", required = true)]
+    output: Vec<PathBuf>,
+    /// Write an empty file, instead of an error, for an isovalue that no surface has
+    #[arg(long)]
+    allow_empty: bool,
+    #[command(flatten, next_help_heading = "Light")]
+    light: LightArgs,
+    #[command(flatten, next_help_heading = "Material")]
+    material: MaterialArgs,
+    #[command(flatten, next_help_heading = "Mesh files")]
+    mesh: MeshArgs,
+    #[command(flatten, next_help_heading = "Pictures")]
+    picture: PictureArgs,
+    #[command(flatten, next_help_heading = "Volume")]
+    volume: VolumeArgs,
+    #[command(flatten, next_help_heading = "Bake of a volume")]
+    transfer: TransferArgs,
+    /// Where stores of volumes are kept [default: the user's cache folder]
+    #[arg(long, value_name = "DIR", help_heading = "Bake of a volume")]
+    cache: Option<PathBuf>,
+    /// Write no draft before the result
+    #[arg(long, help_heading = "Bake of a volume")]
+    no_draft: bool,
+    #[arg(skip)]
+    pub(in crate::cli) scene: Option<SceneFile>,
+}
+
+#[derive(clap::Args, Clone, Debug)]
+struct MeshArgs {
+    /// Add the true linear radiance as attribute _RADIANCE, and its standard error as _STDERR
+    #[arg(long)]
+    radiance: bool,
+    /// Store COLOR_0 as 32-bit floats
+    #[arg(long)]
+    float_color: bool,
+    /// glTF units (metres) to a world unit [default: as the file says, or the longest side becomes 1]
+    #[arg(long, value_name = "S")]
+    scale: Option<f64>,
+}
+
+/// What a run of the command did.
+pub(in crate::cli) struct Relit {
+    pub(in crate::cli) surfaces: Vec<Surface>,
+    pub(in crate::cli) files: Vec<Written>,
+    pub(in crate::cli) read_time: Duration,
+    pub(in crate::cli) transport_rays: u64,
+    drafts: Vec<Draft>,
+}
+
+/// A first version of the files, written before the bake was done.
+struct Draft {
+    rays: u32,
+    texture: [usize; 3],
+    /// From the start of the command until all files were written.
+    written_after: Duration,
+}
+
+impl Relight {
+    pub(in crate::cli) fn run(&self, seed: u64, console: &Console) -> Outcome {
+        let done = self.execute(seed, console)?;
+        done.print(console);
+        Ok(())
+    }
+
+    /// Lights and writes; prints no result.
+    pub(in crate::cli) fn execute(&self, seed: u64, console: &Console) -> Outcome<Relit> {
+        let start = Instant::now();
+        if let Some(scale) = self.mesh.scale
+            && !(scale.is_finite() && scale > 0.0)
+        {
+            return Err(Error::argument("--scale", scale, "a positive number", "give metres to a world unit").into());
+        }
+        // Whatever can be wrong is refused before the bake, which may take minutes.
+        self.material.rule((0.0, 1.0))?;
+        let probes = self.open_probes(console)?;
+        if info::is_store(&self.input) {
+            self.refuse_effects_of_bakes()?;
+            let store = Store::open(&self.input)?;
+            let volume = store.volume()?;
+            let chosen = self.isovalues_of_store(&store, &volume)?;
+            let work = Work::new(self, &volume, &chosen, &probes, start, console)?;
+            let source = Source { store, transport_rays: 0 };
+            return work.light(&source, Vec::new());
+        }
+        let mut opened = super::scene::open(&self.input, &self.volume, self.scene.as_ref(), &self.transfer.effects())?;
+        self.transfer.switch_shadows(&mut opened.volume);
+        for note in &opened.volume.notes {
+            console.note(&note.text);
+        }
+        let of_field = opened.default_isovalue;
+        let resolve = |i: &Isovalue| {
+            let resolved = self.resolve(i, &opened.volume, of_field);
+            resolved.map_err(|e| options::in_scene(e, self.scene.as_ref(), i))
+        };
+        let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
+        let mut work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
+        work.geometry = opened.geometry.as_ref();
+        work.bake_and_light(&opened.label, seed)
+    }
+
+    fn open_probes(&self, console: &Console) -> Outcome<Vec<Probe>> {
+        let mut probes = Vec::new();
+        for argument in &self.env {
+            let probe = open_probe(argument, self.light.keep_negative, self.light.layout)
+                .map_err(|error| self.in_scene(error, argument))?;
+            for note in &probe.notes {
+                console.note(format!("{}: {} ({})", probe.name, note.text, text::count(note.count)));
+            }
+            probes.push(probe);
+        }
+        Ok(probes)
+    }
+
+    /// Names the line of the scene that an environment stands in.
+    fn in_scene(&self, error: Error, environment: &str) -> Error {
+        match &self.scene {
+            Some(file) if file.environment().as_deref() == Some(environment) => {
+                let line = file.scene.probe.as_ref().map_or(1, |probe| probe.name.line);
+                file.scene.at_line(line, error)
+            }
+            _ => error,
+        }
+    }
+
+    /// What a store holds cannot be switched any more.
+    fn refuse_effects_of_bakes(&self) -> Outcome {
+        let effects = self.transfer.effects();
+        let Some(name) = ["shadowing", "interreflection"].into_iter().find(|n| effects.switched(n).is_some()) else {
+            return Ok(());
+        };
+        let given = format!("{name} with a store");
+        let expected = "an effect that is not in the store already";
+        let remedy = "switch it at the bake, or relight the volume itself";
+        Err(Error::argument("--effects", given, expected, remedy).into())
+    }
+
+    /// Albedo over the isovalue: as options say, else the scene.
+    fn albedo_rule(&self, range: (f64, f64)) -> Outcome<MaterialRule> {
+        match self.scene.as_ref().and_then(|file| file.scene.albedo.as_ref()) {
+            Some(albedo) if !self.material.says_albedo() => Ok(albedo.rule(range)),
+            _ => self.material.rule(range),
+        }
+    }
+
+    /// Emission over the isovalue: as options say, else the scene; none where it is switched off.
+    fn emission_rule(&self) -> EmissionRule {
+        if self.transfer.effects().switched("emission") == Some(false) {
+            return EmissionRule::Constant([0.0; 3]);
+        }
+        let of_scene = self.scene.as_ref().and_then(|file| file.scene.emission.clone());
+        match self.material.emission {
+            Some(emission) => EmissionRule::Constant(emission.0),
+            None => of_scene.unwrap_or(EmissionRule::Constant([0.0; 3])),
+        }
+    }
+
+    /// Whether dominant lamps are lit apart.
+    fn splits_sun(&self) -> bool {
+        self.transfer.effects().switched("sun-split").unwrap_or(self.light.sun_split)
+    }
+
+    /// The isovalues asked for; `auto` is the one that the store holds, if it holds only some.
+    fn isovalues_of_store(&self, store: &Store, volume: &Volume) -> Outcome<Vec<Chosen>> {
+        if let Some(side) = self.volume.solid
+            && crate::volume::Solid::from(side) != volume.solid
+        {
+            let expected = format!("the side the store was baked for, {}", store.identity().solid);
+            let given = format!("{side:?}").to_lowercase();
+            return Err(Error::argument("--solid", given, expected, "bake the volume again with this --solid").into());
+        }
+        let held = store.holdings()?;
+        let only = held.isovalues.first().copied().filter(|_| !held.all && self.isovalue.contains(&Isovalue::Auto));
+        let resolve = |i: &Isovalue| match (i, only) {
+            (Isovalue::Auto, Some(value)) => Ok(Chosen { value, reason: Some("the store holds it".into()) }),
+            _ => self.resolve(i, volume, None),
+        };
+        Ok(self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?)
+    }
+
+    /// The isovalue for a volume; with `--allow-empty` one that no surface has, too.
+    fn resolve(&self, isovalue: &Isovalue, volume: &Volume, of_field: Option<f64>) -> Result<Chosen, Error> {
+        match isovalue.resolve(volume, of_field) {
+            Err(_) if self.allow_empty => {
+                let value = if let Isovalue::Value(value) = isovalue { *value } else { volume.value_range().1 };
+                Ok(Chosen { value, reason: Some("no surface has it; what is written is empty".into()) })
+            }
+            resolved => resolved,
+        }
+    }
+
+    fn cache_folder(&self) -> Outcome<PathBuf> {
+        if let Some(folder) = &self.cache {
+            return Ok(folder.clone());
+        }
+        let folders = directories::ProjectDirs::from("", "", "isolume");
+        folders.map(|f| f.cache_dir().to_path_buf()).ok_or_else(|| {
+            Failure::Message("this system has no cache folder for the user: name one with --cache DIR".into())
+        })
+    }
+}
+
+impl Relit {
+    fn print(&self, console: &Console) {
+        report(console, self);
+    }
+}

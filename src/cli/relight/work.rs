@@ -1,0 +1,240 @@
+//! What one run does: the bake of what is missing, drafts first, and every surface under every light.
+
+use super::file::Context;
+use super::{Draft, Relight, Relit};
+use crate::cli::baking::{self, Estimator, Goal, Hints, Job};
+use crate::cli::console::Console;
+use crate::cli::isovalue::Chosen;
+use crate::cli::output::{Format, Target, clean, make_folder, targets};
+use crate::cli::picture::check_size;
+use crate::cli::scene::SceneFile;
+use crate::cli::surface::Surface;
+use crate::cli::{Outcome, text};
+use crate::error::Error;
+use crate::geom::Up;
+use crate::level::Pyramid;
+use crate::probe::Probe;
+use crate::scene::geometry::Geometry;
+use crate::scene::{Effects, EmissionRule, MaterialRule};
+use crate::transfer::store::Store;
+use crate::transfer::{Lattice, Layout};
+use crate::transport::Settings;
+use crate::volume::Volume;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// A store to light from, and how it came about.
+pub(super) struct Source {
+    pub(super) store: Store,
+    /// Rays traced to fill it.
+    pub(super) transport_rays: u64,
+}
+
+/// What does not change from store to store.
+pub(super) struct Work<'a> {
+    command: &'a Relight,
+    volume: &'a Volume,
+    isovalues: Vec<f64>,
+    probes: &'a [Probe],
+    environments: Vec<String>,
+    pyramid: Pyramid,
+    rule: MaterialRule,
+    emission: EmissionRule,
+    effects: Effects,
+    up: Up,
+    start: Instant,
+    /// What reading and preparing took.
+    read_time: Duration,
+    console: &'a Console,
+    /// What stands around the volume, where it is known.
+    pub(super) geometry: Option<&'a Geometry>,
+}
+
+impl<'a> Work<'a> {
+    pub(super) fn new(
+        command: &'a Relight,
+        volume: &'a Volume,
+        chosen: &[Chosen],
+        probes: &'a [Probe],
+        start: Instant,
+        console: &'a Console,
+    ) -> Outcome<Self> {
+        let isovalues: Vec<f64> = chosen.iter().map(|c| c.value).collect();
+        let environments: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
+        let files = all_targets(command, volume, &isovalues, &environments)?;
+        if files.iter().flatten().any(|f| f.format == Format::Png) {
+            check_size(command.picture.size, command.transfer.memory_limit)?;
+        }
+        for c in chosen {
+            if let Some(reason) = &c.reason {
+                console.note(format!("isovalue {}: {reason}", text::number(c.value, 6)));
+            }
+        }
+        let pyramid = Pyramid::new(volume);
+        let rule = command.albedo_rule(volume.value_range())?;
+        let (emission, effects) = (command.emission_rule(), command.transfer.effects());
+        let up = command.volume.up.unwrap_or(volume.up);
+        let read_time = start.elapsed();
+        Ok(Self {
+            command,
+            volume,
+            isovalues,
+            probes,
+            environments,
+            pyramid,
+            rule,
+            emission,
+            effects,
+            up,
+            start,
+            read_time,
+            console,
+            geometry: None,
+        })
+    }
+
+    /// Lights every isosurface from a store by every environment and writes the files.
+    pub(super) fn light(&self, source: &Source, drafts: Vec<Draft>) -> Outcome<Relit> {
+        let context = Context {
+            command: self.command,
+            store: &source.store,
+            volume: self.volume,
+            pyramid: &self.pyramid,
+            rule: &self.rule,
+            emission: &self.emission,
+            up: self.up,
+            bake_hint: self.command.input.clone(),
+            geometry: self.geometry,
+        };
+        self.command.output.iter().try_for_each(|output| make_folder(output))?;
+        let mut surfaces = Vec::new();
+        let mut written = Vec::new();
+        let mut files = all_targets(self.command, self.volume, &self.isovalues, &self.environments)?.into_iter();
+        for &isovalue in &self.isovalues {
+            let surface = Surface::new(self.volume, &self.pyramid, source.store.layout().lattice, isovalue)?;
+            surface.check_memory(self.volume, self.command.transfer.memory_limit)?;
+            for (probe, targets) in self.probes.iter().zip(files.by_ref()) {
+                for target in targets {
+                    written.push(context.light(&surface, probe, target)?);
+                }
+            }
+            surfaces.push(surface);
+        }
+        let (read_time, transport_rays) = (self.read_time, source.transport_rays);
+        Ok(Relit { surfaces, files: written, read_time, transport_rays, drafts })
+    }
+
+    /// Bakes what the isosurfaces need, coarsely first where the whole takes long, and lights them each time.
+    pub(super) fn bake_and_light(&self, label: &str, seed: u64) -> Outcome<Relit> {
+        let transfer = &self.command.transfer;
+        let bands = self.command.scene.as_ref().and_then(SceneFile::bands).unwrap_or(vec![5]);
+        let layout = baking::layout_of_scene(transfer.layout(self.volume, &bands)?, self.geometry);
+        let settings = transfer.settings(&layout, seed, false);
+        let job = Job {
+            volume: self.volume,
+            label,
+            layout,
+            settings,
+            goal: Goal { error: transfer.error, ..Goal::default() },
+            estimator: Estimator::Path,
+            isovalues: Some(self.isovalues.clone()),
+            share: None,
+            memory_limit: transfer.memory_limit,
+            start: self.start,
+            effects: &self.effects,
+            hints: Hints::default(),
+            geometry: self.geometry,
+        };
+        job.check_memory()?;
+        let folder = self.command.cache_folder()?;
+        std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the cache folder", e))?;
+        let mut drafts = Vec::new();
+        for draft in self.drafts(&job, &folder)? {
+            let source = self.bake(&draft, &folder, true)?;
+            let (rays, texture) = (draft.settings.rays, draft.layout.lattice.texels());
+            drop(self.light(&source, Vec::new())?);
+            let written_after = self.start.elapsed();
+            self.console.note(format!(
+                "a draft of {rays} rays a texel, {} × {} × {} texels, is written after {}; going on",
+                texture[0],
+                texture[1],
+                texture[2],
+                text::duration(written_after)
+            ));
+            drafts.push(Draft { rays, texture, written_after });
+        }
+        let source = self.bake(&job, &folder, false)?;
+        self.light(&source, drafts)
+    }
+
+    /// The drafts that come before a bake: one of few rays where the bake would take more than a moment, and before
+    /// it one of a coarser texture where the isosurfaces need many texels.
+    fn drafts<'j>(&self, job: &Job<'j>, folder: &Path) -> Outcome<Vec<Job<'j>>> {
+        let lattice = job.layout.lattice;
+        let missing = job.texels_missing(&self.store_path(job, folder))?;
+        let paths = missing * u64::from(job.settings.rays);
+        if self.command.no_draft || job.settings.rays <= DRAFT_RAYS || paths < DRAFT_FROM_PATHS {
+            return Ok(Vec::new());
+        }
+        let few_rays = |layout: Layout| Job {
+            settings: Settings { rays: DRAFT_RAYS, ..job.settings.clone() },
+            goal: Goal::default(),
+            layout,
+            isovalues: job.isovalues.clone(),
+            ..*job
+        };
+        let mut drafts = Vec::new();
+        let all: u64 = lattice.texels().iter().map(|&m| m as u64).product();
+        if missing as f64 > DRAFT_SHARE * all as f64 {
+            let halved = std::array::from_fn(|a| lattice.texels()[a].div_ceil(2).max(lattice.grid()[a].min(2)));
+            let lattice = Lattice::from_texels(lattice.grid(), halved)?;
+            drafts.push(few_rays(Layout { lattice, layers: job.layout.layers.clone() }));
+        }
+        drafts.push(few_rays(job.layout.clone()));
+        Ok(drafts)
+    }
+
+    fn store_path(&self, job: &Job<'_>, folder: &Path) -> PathBuf {
+        folder.join(format!("{}-{}.isolume", clean(&self.volume.name), &job.identity().hash()[..16]))
+    }
+
+    fn bake(&self, job: &Job<'_>, folder: &Path, is_draft: bool) -> Outcome<Source> {
+        let path = self.store_path(job, folder);
+        let (store, report) = baking::fill(job, &path, self.console)?;
+        if report.chunks_baked == 0 {
+            self.console.note(format!("found in {}", path.display()));
+        } else if !is_draft {
+            self.console.note(format!("baked into {}", path.display()));
+            self.console.print(report.lines(baking::size_on_disk(&path)));
+        }
+        Ok(Source { store, transport_rays: report.summary.counts.rays })
+    }
+}
+
+/// Rays a texel of a draft.
+const DRAFT_RAYS: u32 = 16;
+/// Paths from which on a bake gets a draft: a few seconds on two cores.
+const DRAFT_FROM_PATHS: u64 = 1 << 23;
+/// Share of the texels of a texture from which on a draft of half the resolution comes first.
+const DRAFT_SHARE: f64 = 0.05;
+
+/// For every isovalue and environment the files of all outputs.
+fn all_targets(
+    command: &Relight,
+    volume: &Volume,
+    isovalues: &[f64],
+    environments: &[String],
+) -> Outcome<Vec<Vec<Target>>> {
+    let mut all: Vec<Vec<Target>> = vec![Vec::new(); isovalues.len() * environments.len()];
+    for output in &command.output {
+        for (slot, target) in all.iter_mut().zip(targets(output, &volume.name, isovalues, environments)?) {
+            slot.push(target);
+        }
+    }
+    let paths: Vec<&PathBuf> = all.iter().flatten().map(|t| &t.path).collect();
+    if let Some(twice) = (1..paths.len()).find(|&i| paths[..i].contains(&paths[i])) {
+        let expected = "different names";
+        return Err(Error::argument("output", paths[twice].display(), expected, "two outputs are the same file").into());
+    }
+    Ok(all)
+}

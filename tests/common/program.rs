@@ -1,0 +1,93 @@
+//! The program from outside, run in a folder that disappears with the test.
+
+use assert_cmd::Command;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+/// A folder and the program in it.
+pub struct Bench {
+    /// Disappears with the bench.
+    pub folder: TempDir,
+}
+
+impl Bench {
+    /// An empty folder.
+    pub fn new() -> Self {
+        Self { folder: TempDir::new().expect("a temporary folder") }
+    }
+
+    /// The path of a name in the folder.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// A command line, cut at spaces.
+    pub fn command(&self, line: &str) -> Command {
+        let mut command = Command::cargo_bin("isolume").expect("the program is built");
+        command.current_dir(self.folder.path()).args(line.split_whitespace());
+        // Nothing may land in the home of who runs the tests.
+        command.env("HOME", self.folder.path()).env_remove("XDG_CACHE_HOME");
+        command
+    }
+
+    /// Runs a line that must succeed and returns its standard output.
+    pub fn run(&self, line: &str) -> String {
+        let output = self.command(line).assert().success().get_output().stdout.clone();
+        String::from_utf8(output).expect("text")
+    }
+
+    /// Runs a line that must succeed with `--json`.
+    pub fn json(&self, line: &str) -> Value {
+        serde_json::from_str(&self.run(&format!("{line} --json"))).expect("one JSON document")
+    }
+
+    /// Runs a line: its exit code, standard output and standard error.
+    pub fn outcome(&self, line: &str) -> (i32, String, String) {
+        let output = self.command(line).output().expect("the program runs");
+        let text = |bytes| String::from_utf8(bytes).expect("text");
+        (output.status.code().expect("an exit code"), text(output.stdout), text(output.stderr))
+    }
+
+    /// Runs a line that must fail with exit code 1, one `error:` line, and nothing new in the folder; returns
+    /// what it said.
+    pub fn refuses(&self, line: &str) -> String {
+        let before = self.names();
+        let output = self.command(line).assert().code(1).get_output().clone();
+        let text = String::from_utf8(output.stderr).expect("text");
+        assert_eq!(text.lines().filter(|l| l.starts_with("error: ")).count(), 1, "{line}: {text}");
+        assert_eq!(self.names(), before, "{line} left something behind");
+        text
+    }
+
+    /// Everything in the folder, sorted.
+    pub fn names(&self) -> Vec<PathBuf> {
+        let mut names = Vec::new();
+        collect(self.folder.path(), &mut names);
+        names.sort();
+        names
+    }
+
+    /// Writes a file.
+    pub fn write(&self, name: &str, contents: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.path(name);
+        std::fs::write(&path, contents).expect("a file");
+        path
+    }
+
+    /// The bytes of a file.
+    pub fn bytes(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.path(name)).expect("a file")
+    }
+}
+
+/// Everything below a folder.
+pub fn collect(folder: &Path, names: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() {
+            collect(&path, names);
+        }
+        names.push(path);
+    }
+}
