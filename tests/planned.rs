@@ -141,7 +141,7 @@ fn eight_scenes_planned_and_full() {
         let Planned { name, volume, isovalue, albedo, .. } = scene;
         let light = if scene.off.contains(&"luminaires") { CONSTANT } else { LAMP };
         let text = format!(
-            "volume = \"{volume}\"\nisovalues = {isovalue}\n[material]\nalbedo = {albedo}\n{}{light}[bake]\nrays = 64\nbands = 2\n",
+            "volume = \"{volume}\"\nisovalues = {isovalue}\n[material]\nalbedo = {albedo}\n{}{light}[bake]\nrays = 32\nbands = 2\n",
             scene.rest
         );
         bench.write("s.toml", text);

@@ -175,8 +175,8 @@ impl SceneWeights {
                     let again = f64::from(self.material.albedo[c]) * ratio;
                     if again < 1.0 {
                         rgb[c] += brought[count - 1][c] * again / (1.0 - again);
-                    } else {
-                        totals[3] = f64::max(totals[3], brought[count - 1][c]);
+                    } else if emitted > 0.0 {
+                        totals[3] = f64::max(totals[3], brought[count - 1][c] / emitted);
                     }
                 }
             }
