@@ -66,6 +66,7 @@
 //! | [`relight`] | the runtime: contraction, lookup, albedo, emission, exposure | rays, solvers, files |
 //! | [`render`] | camera rays for previews | solvers |
 //! | [`mod@compare`] | the store against paths on the same surface, the budget of its errors | files |
+//! | [`study`] | what accuracy costs: settings against one reference, the front, the figure | files, the clock |
 //! | [`export`] | GLB, PLY, PNG, contact sheets, atomic files | volumes, SH, light |
 //! | [`cli`] | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
 //!
@@ -95,6 +96,7 @@ pub mod surface;
 pub mod relight;
 pub mod render;
 pub mod compare;
+pub mod study;
 pub mod export;
 pub mod cli;
 

@@ -24,6 +24,7 @@ mod console;
 mod demo;
 mod doctor;
 mod env;
+mod forecast;
 mod info;
 mod input;
 mod isovalue;
@@ -38,6 +39,7 @@ mod replay;
 mod scene;
 mod scene_light;
 mod scene_walls;
+mod study;
 mod surface;
 mod text;
 
@@ -85,6 +87,7 @@ enum Command {
     Bake(Box<bake::Bake>),
     Merge(merge::Merge),
     Compare(compare::Compare),
+    Study(study::Study),
     Relight(Box<relight::Relight>),
     Env(env::Env),
 }
@@ -154,6 +157,7 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         Command::Bake(command) => command.run(seed, console),
         Command::Merge(command) => command.run(console),
         Command::Compare(command) => command.run(seed, console),
+        Command::Study(command) => command.run(seed, console),
         Command::Relight(command) => command.run(seed, console),
         Command::Env(command) => command.run(console),
     }

@@ -1,14 +1,19 @@
 //! `isolume plan`: what a bake would simulate, and why.
 
-use super::baking::{Goal, Hints, Job, layout_of_scene};
+use super::baking::{Goal, Hints, Job, layout_of_scene, parse_time};
 use super::console::Console;
 use super::input::VolumeArgs;
+use super::isovalue::Isovalue;
+use super::light::open_probe;
 use super::options::BakeArgs;
 use super::scene::SceneFile;
-use super::{Outcome, text};
+use super::{Outcome, forecast, text};
+use crate::error::Error;
 use crate::level::Pyramid;
+use crate::probe::Orientation;
 use crate::scene;
-use std::time::Instant;
+use serde_json::{Value, json};
+use std::time::{Duration, Instant};
 
 /// Show which effects a bake needs, with the reason and the error of what is dropped
 ///
@@ -16,7 +21,7 @@ use std::time::Instant;
 /// written.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  isolume plan brain.nii.gz --isovalues auto --rays 256\n  isolume plan scene.toml --effects -interreflection"
+    after_help = "Examples:\n  isolume plan brain.nii.gz --isovalues auto --rays 256\n  isolume plan brain.nii.gz --isovalues 90 --time 2m\n  isolume plan scene.toml --effects -interreflection"
 )]
 pub(super) struct Plan {
     /// Volume file, a field such as bumpbox or gyroid:128, or a scene (.toml)
@@ -29,6 +34,13 @@ pub(super) struct Plan {
     /// Largest albedo that will be asked for [default: 0.7]
     #[arg(long, value_name = "RHO")]
     albedo: Option<f32>,
+    /// Forecast from a pilot which texture and rays to bake with, so that it takes this long; --error 2% forecasts what a
+    /// relit error of 2 % takes
+    #[arg(long, value_name = "TIME", value_parser = parse_time)]
+    time: Option<Duration>,
+    /// Environment of the forecast
+    #[arg(long, value_name = "PROBE", default_value = "courtyard")]
+    for_env: String,
     #[arg(skip)]
     pub(super) scene: Option<SceneFile>,
 }
@@ -78,9 +90,73 @@ impl Plan {
             text::metric(plan.rays),
             text::bytes(plan.bytes)
         ));
-        let json = serde_json::to_value(&plan).unwrap_or_default();
+        let mut json = serde_json::to_value(&plan).unwrap_or_default();
+        if self.time.is_some() || self.bake.transfer.error.is_some() {
+            if job.geometry.is_some() {
+                let expected = "a volume without walls and luminaires";
+                let found = "a scene that has them";
+                return Err(Error::argument("--time and --error", found, expected, "give a number of --rays").into());
+            }
+            json["forecast"] = self.forecast(&job, &pyramid, opened.default_isovalue, seed, console)?;
+        }
         console.print_json(&json);
         Ok(())
+    }
+
+    /// Weighs textures and rays by a pilot and prints what they take and give.
+    fn forecast(
+        &self,
+        job: &Job<'_>,
+        pyramid: &Pyramid,
+        of_field: Option<f64>,
+        seed: u64,
+        console: &Console,
+    ) -> Outcome<Value> {
+        let probe = open_probe(&self.for_env, false, None)?;
+        let orientation = Orientation::new(self.volume.up.unwrap_or(job.volume.up), 0.0)?;
+        let isovalue = match job.isovalues.as_deref() {
+            Some([first, ..]) => *first,
+            _ => Isovalue::Auto.resolve(job.volume, of_field)?.value,
+        };
+        let question = forecast::Question {
+            volume: job.volume,
+            pyramid,
+            isovalue,
+            probe: &probe,
+            orientation,
+            albedo: [self.albedo.unwrap_or(0.7); 3],
+            layers: &job.layout.layers,
+            seed,
+        };
+        let all = forecast::pilots(&question, &forecast::RATIOS, &|lattice| job.selection_on(lattice))?;
+        let threads = rayon::current_num_threads();
+        let by_time = self.time.and_then(|t| forecast::best_within(&all, t.as_secs_f64() * threads as f64));
+        let by_error = self.bake.transfer.error.and_then(|e| forecast::cheapest_within(&all, f64::from(e)));
+        let chosen = if self.time.is_some() { by_time } else { by_error };
+        console.print(format!(
+            "\nforecast, {threads} threads: error is the RMS of the relit radiance of isovalue {} over its mean, under {} cut to the bands",
+            text::number(isovalue, 6),
+            probe.name
+        ));
+        console.print(forecast::table(&all, chosen.map(|(w, f)| (w.ratio, f.rays)), threads));
+        match chosen {
+            Some((weighed, found)) => console.print(format!(
+                "bake with: --texture {} --rays {}   (about {}, {} error, {})",
+                weighed.ratio,
+                found.rays,
+                text::duration(Duration::from_secs_f64(found.seconds / threads as f64)),
+                text::percent(found.error),
+                text::bytes(weighed.bytes as f64)
+            )),
+            None => console
+                .print("nothing reaches that: give more time, a larger error, or a finer texture than the data's"),
+        }
+        let rows: Vec<Value> = all
+            .iter()
+            .flat_map(|w| (4..=12).map(move |k| forecast::to_json(w, &w.pilot.forecast(1 << k), threads)))
+            .collect();
+        Ok(json!({ "isovalue": isovalue, "environment": probe.name, "rows": rows,
+            "chosen": chosen.map(|(w, f)| forecast::to_json(w, &f, threads)) }))
     }
 }
 

@@ -7,8 +7,10 @@ use crate::geom::Up;
 use crate::level::{LevelField, Pyramid};
 use crate::relight::texels_of_isosurface;
 use crate::render::{Camera, Projection, View};
+use crate::sampling::hash::uniform;
 use crate::surface::{Mesh, extract_with_normals};
 use crate::transfer::{BRICK_TEXELS, Lattice};
+use crate::transport::SurfacePoint;
 use crate::volume::{LengthUnit, Sample, Volume};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -42,6 +44,18 @@ impl Surface {
         let start = Instant::now();
         let bricks = texels_of_isosurface(volume, lattice, isovalue).bricks();
         Ok(Self { isovalue, mesh, positions, normals, bricks, extract_time, select_time: start.elapsed() })
+    }
+
+    /// Random vertices, with replacement; none of an empty surface.
+    pub(super) fn random_points(&self, count: u32, seed: u64) -> Vec<SurfacePoint> {
+        let all = self.mesh.positions_in_grid.len();
+        let vertex = |i: u32| {
+            let [high, low] = [0, 1].map(|d| f64::from(uniform(seed, 0x636f_6d70, i, d)));
+            (((high + low / f64::from(1u32 << 24)) * all as f64) as usize).min(all - 1)
+        };
+        let mesh = &self.mesh;
+        let point = |v: usize| SurfacePoint { position_in_grid: mesh.positions_in_grid[v], normal: mesh.normals[v] };
+        if all == 0 { Vec::new() } else { (0..count).map(|i| point(vertex(i))).collect() }
     }
 
     /// Refuses what would take more memory than allowed: the volume with its pyramid, the contracted bricks, and the

@@ -13,7 +13,7 @@
 //! Mean squares of the differences do not add up to that of the whole, since neighbours in the chain may be correlated;
 //! what is missing is a row of its own, so that the rows sum to the total.
 
-mod slow;
+pub(crate) mod slow;
 
 #[cfg(test)]
 mod tests;
@@ -189,7 +189,8 @@ fn by_store(q: &Question<'_>) -> Result<(Vec<[f64; 3]>, LookupReport)> {
     Ok((lit.radiance.iter().map(|v| v.map(f64::from)).collect(), lit.report))
 }
 
-fn mean_square(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
+/// Mean square of the difference over points and channels.
+pub(crate) fn mean_square(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
     let squares = a.iter().zip(b).flat_map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).powi(2)));
     squares.sum::<f64>() / (3 * a.len()) as f64
 }
@@ -210,7 +211,8 @@ fn budget(links: &[&Vec<[f64; 3]>; 5], mean: f64, is_path: bool) -> Vec<BudgetRo
     rows
 }
 
-fn distance(found: &[[f64; 3]], reference: &[[f64; 3]], noise: f64) -> Distance {
+/// How far `found` is from a reference with this mean square of its own standard error.
+pub(crate) fn distance(found: &[[f64; 3]], reference: &[[f64; 3]], noise: f64) -> Distance {
     let n = found.len() as f64;
     let mean = reference.iter().flatten().sum::<f64>() / (3.0 * n);
     if mean <= 0.0 {

@@ -5,7 +5,8 @@ use super::Question;
 use crate::error::Result;
 use crate::relight::Tail;
 use crate::sampling::hash::key;
-use crate::transfer::{BRICK, Layers, Layout, Selection, validity};
+use crate::sh::Coefficients;
+use crate::transfer::{BRICK, Lattice, Layers, Selection, validity};
 use crate::transport::{Bake, Settings, TexelEstimate, estimates};
 use std::collections::BTreeMap;
 
@@ -13,7 +14,8 @@ use std::collections::BTreeMap;
 /// valid, or the texels cannot be made again, what the store gave stands in.
 pub(super) fn interpolated(q: &Question<'_>, stored: &[[f64; 3]]) -> Result<[Vec<[f64; 3]>; 2]> {
     let layout = q.texture.layout();
-    let corners: Vec<Vec<([usize; 3], f64)>> = q.points.iter().map(|p| trilinear(layout, p.position_in_grid)).collect();
+    let corners: Vec<Vec<([usize; 3], f64)>> =
+        q.points.iter().map(|p| trilinear(layout.lattice, p.position_in_grid)).collect();
     let mut texels: BTreeMap<[usize; 3], u32> = BTreeMap::new();
     for (texel, _) in corners.iter().flatten() {
         texels.insert(*texel, stored_rays(q, *texel)?);
@@ -47,7 +49,8 @@ pub(super) fn interpolated(q: &Question<'_>, stored: &[[f64; 3]]) -> Result<[Vec
     Ok([at_points(&fine), again])
 }
 
-fn between(corners: &[([usize; 3], f64)], values: &BTreeMap<[usize; 3], [f64; 3]>) -> Option<[f64; 3]> {
+/// The mean of what is there, by weight.
+pub(crate) fn between(corners: &[([usize; 3], f64)], values: &BTreeMap<[usize; 3], [f64; 3]>) -> Option<[f64; 3]> {
     let (mut sum, mut weights) = ([0.0; 3], 0.0);
     for (texel, weight) in corners {
         if let Some(value) = values.get(texel) {
@@ -58,21 +61,31 @@ fn between(corners: &[([usize; 3], f64)], values: &BTreeMap<[usize; 3], [f64; 3]
     (weights > 0.0).then(|| sum.map(|v| v / weights))
 }
 
-/// Σ_k ρ^(k+1) ⟨T_k, L⟩ and the tail.
 fn of_texel(layers: &Layers, texel: &TexelEstimate, q: &Question<'_>) -> [f64; 3] {
+    radiance_of(layers, &texel.transfer, layers, q.coefficients, q.albedo)
+}
+
+/// Σ_k ρ^(k+1) ⟨T_k, L⟩ and the tail, of the layers and bands `kept` of a transfer vector laid out as `layers`, which has
+/// them all.
+pub(crate) fn radiance_of(
+    layers: &Layers,
+    transfer: &[f32],
+    kept: &Layers,
+    light: &[Coefficients; 3],
+    albedo: [f32; 3],
+) -> [f64; 3] {
     let root_four_pi = 2.0 * std::f32::consts::PI.sqrt();
-    let escapes: Vec<f32> = (0..layers.len()).map(|k| root_four_pi * texel.transfer[layers.offset(k)]).collect();
+    let escapes: Vec<f32> = (0..kept.len()).map(|k| root_four_pi * transfer[layers.offset(k)]).collect();
     let tail = Tail::new(&escapes);
     std::array::from_fn(|c| {
-        let light = q.coefficients[c].values();
         let (mut power, mut sum) = (1.0, 0.0);
-        for (k, &bands) in layers.bands().iter().enumerate() {
-            power *= f64::from(q.albedo[c]);
-            let transfer = &texel.transfer[layers.offset(k)..][..bands * bands];
-            let product: f64 = transfer.iter().zip(light).map(|(&t, &l)| f64::from(t) * l).sum();
+        for (k, &bands) in kept.bands().iter().enumerate() {
+            power *= f64::from(albedo[c]);
+            let transfer = &transfer[layers.offset(k)..][..bands * bands];
+            let product: f64 = transfer.iter().zip(light[c].values()).map(|(&t, &l)| f64::from(t) * l).sum();
             sum += power * product;
-            if k + 1 == layers.len() {
-                sum += power * product * f64::from(tail.gain(q.albedo[c]));
+            if k + 1 == kept.len() {
+                sum += power * product * f64::from(tail.gain(albedo[c]));
             }
         }
         sum
@@ -80,11 +93,10 @@ fn of_texel(layers: &Layers, texel: &TexelEstimate, q: &Question<'_>) -> [f64; 3
 }
 
 /// The eight texels around a grid position with their weights.
-fn trilinear(layout: &Layout, position_in_grid: [f32; 3]) -> Vec<([usize; 3], f64)> {
-    let m = layout.lattice.texels();
-    let place: [f64; 3] = std::array::from_fn(|a| {
-        (f64::from(position_in_grid[a]) / layout.lattice.step(a)).clamp(0.0, (m[a] - 1) as f64)
-    });
+pub(crate) fn trilinear(lattice: Lattice, position_in_grid: [f32; 3]) -> Vec<([usize; 3], f64)> {
+    let m = lattice.texels();
+    let place: [f64; 3] =
+        std::array::from_fn(|a| (f64::from(position_in_grid[a]) / lattice.step(a)).clamp(0.0, (m[a] - 1) as f64));
     let low: [usize; 3] = std::array::from_fn(|a| (place[a] as usize).min(m[a].saturating_sub(2)));
     let corners = (0..8usize).map(|i| {
         let mut weight = 1.0;

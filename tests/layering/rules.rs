@@ -151,6 +151,7 @@ pub const FILE_SYSTEM_FILES: &[(&str, &str)] = &[
 pub const CRATES: &[(&str, &[&str])] = &[
     ("clap", &["cli", "main"]),
     ("indicatif", &["cli", "main"]),
+    ("cpu_time", &["cli", "main"]),
     ("ctrlc", &["cli", "main"]),
     ("directories", &["cli", "main"]),
     ("exr", &["probe"]),

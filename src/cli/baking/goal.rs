@@ -267,7 +267,7 @@ fn two_digits(error: f64) -> f32 {
 }
 
 /// `count` bricks at equal steps.
-fn spread(bricks: &[[usize; 3]], count: usize) -> Vec<[usize; 3]> {
+pub(in super::super) fn spread(bricks: &[[usize; 3]], count: usize) -> Vec<[usize; 3]> {
     let count = count.min(bricks.len());
     (0..count).map(|i| bricks[(2 * i + 1) * bricks.len() / (2 * count)]).collect()
 }

@@ -5,7 +5,7 @@ mod report;
 mod scene;
 mod todo;
 
-pub(super) use goal::{ForLight, Goal, parse_time};
+pub(super) use goal::{ForLight, Goal, parse_time, spread};
 pub(super) use scene::layout as layout_of_scene;
 
 use super::console::{Console, interrupts};
@@ -18,7 +18,7 @@ use crate::scene as scenes;
 use crate::scene::Effects;
 use crate::scene::geometry::Geometry;
 use crate::transfer::store::{ChunkExtent, Identity, Store};
-use crate::transfer::{Brick, Layout, Selection};
+use crate::transfer::{Brick, Lattice, Layout, Selection};
 use crate::transport::{
     Bake, Bias, GatherSettings, Progress, SceneSummary, Settings, Summary, Target, bake, gather, pilot,
 };
@@ -188,7 +188,11 @@ impl Job<'_> {
 
     /// The texels that the isovalues asked for need.
     pub(super) fn selection(&self) -> Selection {
-        let lattice = self.layout.lattice;
+        self.selection_on(self.layout.lattice)
+    }
+
+    /// The texels that a texture of another lattice would need.
+    pub(super) fn selection_on(&self, lattice: Lattice) -> Selection {
         let Some(list) = &self.isovalues else { return Selection::of_all_isosurfaces(lattice, self.volume) };
         let mut selection = Selection::empty(lattice);
         for &c in list {
