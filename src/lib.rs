@@ -60,12 +60,12 @@
 //! | [`level`] | rays with an isovalue for life, the min/max pyramid, roots in a cell, B-spline normals | light, SH, random numbers |
 //! | [`scene`] | descriptions in TOML, walls and luminaires ([`scene::geometry`]), materials over the isovalue, the encoding of colours, the plan of effects | solvers' insides |
 //! | [`transfer`] | lattice, layers, bricks, selections, the store on disk | how transfer was computed; probes |
-//! | [`transport`] | the estimators, error bars, the parallel loop, path tracing of one surface as reference | probes, meshes, files |
+//! | [`transport`] | the estimators, error bars, the parallel loop, paths and photons as references of one surface | probes, meshes, files |
 //! | [`probe`] | environment images, skies, projection, orientation | volumes, transfer |
 //! | [`surface`] | extraction of watertight meshes | light, SH, transfer |
 //! | [`relight`] | the runtime: contraction, lookup, albedo, emission, exposure | rays, solvers, files |
-//! | [`render`] | camera rays for previews | solvers |
-//! | [`mod@compare`] | the store against paths on the same surface, the budget of its errors | files |
+//! | [`render`] | camera rays for previews, what pixels see | solvers |
+//! | [`mod@compare`] | the store against paths and photons on the same surface, the budget of its errors | files |
 //! | [`study`] | what accuracy costs: settings against one reference, the front, the figure | files, the clock |
 //! | [`export`] | GLB, PLY, PNG, contact sheets, atomic files | volumes, SH, light |
 //! | [`cli`] | flags, progress, printing, threads, the clock, paths | the insides: public interface only |

@@ -1,21 +1,18 @@
 //! `isolume compare` through the program.
 
-use assert_cmd::Command;
+#[path = "common/program.rs"]
+mod program;
+
+use program::Bench;
 use serde_json::Value;
 
 #[test]
 fn a_store_is_compared_and_the_budget_sums() {
-    let directory = tempfile::tempdir().unwrap();
-    let run = |line: &str| {
-        let mut command = Command::cargo_bin("isolume").unwrap();
-        command.current_dir(directory.path()).args(line.split_whitespace()).output().unwrap()
-    };
-    assert!(run("bake bumpbox:32 --isovalues 47 --rays 64 -o b.isolume").status.success());
+    let bench = Bench::new();
+    bench.run("bake bumpbox:32 --isovalues 47 --rays 64 -o b.isolume");
     let line =
         "compare b.isolume --isovalue 47 --env gradient --env sun:30,50,20 --points 200 --paths 64 --texel-rays 256";
-    let output = run(&format!("{line} --json"));
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let found = bench.json(line);
     let rows = found["rows"].as_array().unwrap();
     assert_eq!(rows.len(), 2);
     for row in rows {
@@ -27,7 +24,7 @@ fn a_store_is_compared_and_the_budget_sums() {
     // cut off.
     let truncation = |i: usize| rows[i]["budget_mean_square"]["truncation"].as_f64().unwrap();
     assert!(truncation(1) > 4.0 * truncation(0), "{} {}", truncation(0), truncation(1));
-    let text = String::from_utf8(run(line).stdout).unwrap();
+    let text = bench.run(line);
     assert!(text.contains("truncation") && text.contains("its bands"), "{text}");
     for (line, code, word) in [
         ("compare bumpbox:32 --isovalue 47 --env gradient", 1, "isolume bake"),
@@ -35,8 +32,49 @@ fn a_store_is_compared_and_the_budget_sums() {
         ("compare b.isolume --isovalue 47 --env gradiant", 1, "gradient"),
         ("compare b.isolume --isovalue 47 --env gradient --paths 5", 2, "power of two"),
     ] {
-        let output = run(line);
-        assert_eq!(output.status.code(), Some(code), "{line}");
-        assert!(String::from_utf8_lossy(&output.stderr).contains(word), "{line}: {output:?}");
+        let (found, _, said) = bench.outcome(line);
+        assert!(found == code && said.contains(word), "{line}: {found}, {said}");
+    }
+}
+
+#[test]
+fn photons_bake_compare_and_draw() {
+    let bench = Bench::new();
+    // A store that photons fill is one more store: what paths say of it is within the blur of the search.
+    bench.run("bake bumpbox:24 --isovalues 47 --rays 64 --estimator photon -o p.isolume");
+    let line = "compare p.isolume --isovalue 47 --env gradient --points 100 --paths 64 --against photon --photons 200000 \
+                --png p.png --glb p.glb --size 60x40";
+    let found = bench.json(line);
+    let row = &found["rows"][0];
+    let number = |v: &Value, path: &[&str]| path.iter().fold(v, |v, key| &v[key]).as_f64().unwrap();
+    let store = number(row, &["whole", "relative_rms", "value"]);
+    assert!((0.01..0.4).contains(&store), "{store}");
+    assert!(number(row, &["whole", "bias", "value"]).abs() < 0.1, "{row}");
+    let photons = &row["photons"];
+    assert!(number(photons, &["photons_against_paths", "bias", "value"]).abs() < 0.03, "{photons}");
+    assert!(number(photons, &["energy", "imbalance"]) < 1e-6, "{photons}");
+    // Published, and all light from the map: too dark by κ/κ_eff.
+    let all = "--photon-light all --photon-isovalues extents";
+    let dark = |estimate: &str| {
+        let found = bench.json(&format!("{line} {all} --estimate {estimate} --gamma 0.2"));
+        number(&found["rows"][0], &["photons", "photons_against_paths", "bias", "value"])
+    };
+    let (published, tilted) = (dark("published"), dark("tilted"));
+    assert!(published < -0.3 && tilted.abs() < 0.15, "{published}, {tilted}");
+    let png = bench.bytes("p.png");
+    // Three panels of 60 pixels and four margins of 24.
+    assert_eq!(&png[16..20], &(3 * 60 + 4 * 24u32).to_be_bytes());
+    assert_eq!(&bench.bytes("p.glb")[..4], b"glTF");
+    let table = bench.run(line);
+    assert!(table.contains("store against photons") && table.contains("p.png") && table.contains("p.glb"), "{table}");
+    bench.write("file", "no directory");
+    for (line, word) in [
+        ("compare p.isolume --isovalue 47 --env gradient --png p.jpg", ".png"),
+        ("compare p.isolume --isovalue 47 --env gradient --png file/p.png", "directory"),
+        ("compare p.isolume --isovalue 47 --env gradient --env studio --png p.png", "{env}"),
+        ("bake bumpbox:24 --estimator photon --error 1% -o q.isolume", "estimator path"),
+    ] {
+        let said = bench.refuses(line);
+        assert!(said.contains(word), "{line}: {said}");
     }
 }

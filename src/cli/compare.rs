@@ -1,4 +1,7 @@
-//! `isolume compare`: the store's answer against paths on the same surface, and why they differ.
+//! `isolume compare`: the store's answer against paths and photons on the same surface, and why they differ.
+
+mod photon;
+mod picture;
 
 use super::console::Console;
 use super::info::is_store;
@@ -6,7 +9,7 @@ use super::isovalue::Isovalue;
 use super::light::{open_probe, parse_triple};
 use super::surface::Surface;
 use super::{Outcome, text};
-use crate::compare::{Comparison, Distance, Question, compare};
+use crate::compare::{Comparison, Distance, PhotonComparison, Question, compare, compare_photons};
 use crate::error::Error;
 use crate::level::Pyramid;
 use crate::probe::Orientation;
@@ -20,9 +23,12 @@ use std::time::{Duration, Instant};
 ///
 /// At random vertices, light is computed anew by unbiased paths on the level set: under the whole image, and under the
 /// image cut to the bands of the store. The difference to what relight gives is split into truncation, texture
-/// (interpolation, layers, tail), noise of the bake, and rounding.
+/// (interpolation, layers, tail), noise of the bake, and rounding. With --against photon flattened photon mapping
+/// stands beside them. Pictures show the store, the reference, and the difference in false colours.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  isolume compare brain.isolume --isovalue 90 --env courtyard --env sunset")]
+#[command(after_help = "Examples:
+  isolume compare brain.isolume --isovalue 90 --env courtyard --env sunset
+  isolume compare brain.isolume --isovalue 90 --env courtyard --against photon --png brain.png --glb brain.glb")]
 pub(super) struct Compare {
     /// The store
     #[arg(value_name = "X.isolume")]
@@ -48,6 +54,22 @@ pub(super) struct Compare {
     /// Paths for each texel of the budget's exact texels, a power of two
     #[arg(long, value_name = "N", default_value = "1024", value_parser = super::options::parse_rays)]
     texel_rays: u32,
+    /// Who is the reference of the pictures; photon also compares with photons
+    #[arg(long, value_enum, default_value = "path")]
+    against: Against,
+    #[command(flatten)]
+    photons: photon::PhotonArgs,
+    #[command(flatten)]
+    pictures: picture::PictureOutput,
+}
+
+/// A reference.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Against {
+    /// Path tracing on the level set: unbiased
+    Path,
+    /// Flattened photon mapping as well
+    Photon,
 }
 
 /// One surface under one light.
@@ -55,6 +77,7 @@ struct Row {
     isovalue: f64,
     env: String,
     found: Comparison,
+    photons: Option<PhotonComparison>,
     time: Duration,
 }
 
@@ -82,14 +105,19 @@ impl Compare {
             console.note("the texels of this estimator cannot be made again: noise, bias and rounding are one row");
         }
         let mut rows = Vec::new();
+        let mut isovalues = Vec::new();
         for chosen in &self.isovalue {
-            let isovalue = chosen.resolve(&volume, None)?.value;
+            isovalues.push(chosen.resolve(&volume, None)?.value);
+        }
+        let names: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
+        let files = self.pictures.files(&volume.name, &isovalues, &names)?;
+        for (i, &isovalue) in isovalues.iter().enumerate() {
             let surface = Surface::new(&volume, &pyramid, layout.lattice, isovalue)?;
             let points = self.random_vertices(&surface, seed);
-            for probe in &probes {
+            for (p, probe) in probes.iter().enumerate() {
                 let start = Instant::now();
                 let source = probe.source(orientation);
-                let found = compare(&Question {
+                let question = Question {
                     volume: &volume,
                     pyramid: &pyramid,
                     texture: &store,
@@ -102,8 +130,19 @@ impl Compare {
                     paths: self.paths,
                     texel_rays: self.texel_rays,
                     seed,
-                })?;
-                rows.push(Row { isovalue, env: probe.name.clone(), found, time: start.elapsed() });
+                };
+                let found = compare(&question)?;
+                let asked = match self.against {
+                    Against::Path => None,
+                    Against::Photon => Some(self.photons.question(&volume, isovalue, seed)?),
+                };
+                let photons = match &asked {
+                    None => None,
+                    Some(asked) => Some(compare_photons(&question, &found, asked)?),
+                };
+                let time = start.elapsed();
+                self.pictures.write(&files[i * probes.len() + p], &question, &surface, asked.as_ref(), found.mean)?;
+                rows.push(Row { isovalue, env: probe.name.clone(), found, photons, time });
             }
         }
         console.print(table(&rows));
@@ -113,6 +152,12 @@ impl Compare {
             self.points, self.paths
         ));
         console.print(format!("\nWhy: shares of the mean square of the difference\n{}", budget(&rows)));
+        if self.against == Against::Photon {
+            console.print(format!("\n{}", photon::table(&rows)));
+        }
+        for path in files.iter().flat_map(|f| f.paths()) {
+            console.print(path.display());
+        }
         console.print_json(&json!({
             "points": self.points, "paths": self.paths, "texel_rays": self.texel_rays,
             "rows": rows.iter().map(row_json).collect::<Vec<_>>(),
@@ -199,5 +244,6 @@ fn row_json(row: &Row) -> Value {
             "all": f.lookups.lookups, "renormalised": f.lookups.renormalised,
             "neighbourhood": f.lookups.neighbourhood, "unoccluded": f.lookups.unoccluded,
         },
+        "photons": row.photons.as_ref().map(photon::photons_json),
     })
 }

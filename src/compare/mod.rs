@@ -13,10 +13,13 @@
 //! Mean squares of the differences do not add up to that of the whole, since neighbours in the chain may be correlated;
 //! what is missing is a row of its own, so that the rows sum to the total.
 
+mod photon;
 pub(crate) mod slow;
 
 #[cfg(test)]
 mod tests;
+
+pub use photon::{PhotonComparison, PhotonQuestion, compare_photons};
 
 use crate::error::{Error, Result};
 use crate::geom::Direction;
@@ -177,8 +180,11 @@ pub fn compare(question: &Question<'_>) -> Result<Comparison> {
     })
 }
 
-/// What a user gets.
-fn by_store(q: &Question<'_>) -> Result<(Vec<[f64; 3]>, LookupReport)> {
+/// What a user gets: radiance at the points of the question from its texture, through contraction and lookup.
+///
+/// # Errors
+/// As the texture; an albedo that is none.
+pub fn by_store(q: &Question<'_>) -> Result<(Vec<[f64; 3]>, LookupReport)> {
     let light = Light::from_channels(q.coefficients)?;
     let material = Material::new(q.albedo, [0.0; 3])?;
     let bricks = texels_of_isosurface(q.volume, q.texture.layout().lattice, q.isovalue).bricks();

@@ -5,7 +5,9 @@ use crate::probe::{self, Orientation};
 use crate::sampling::hash::uniform;
 use crate::surface::extract_with_normals;
 use crate::transfer::{Layers, Layout, MemoryTexture};
-use crate::transport::{Bake, Progress, bake};
+use crate::transport::{
+    Bake, Isovalues, PhotonLight, PhotonLightSettings, PhotonSearch, PhotonSettings, Progress, bake,
+};
 use crate::volume::field;
 use crate::volume::{Samples, Volume};
 
@@ -95,14 +97,13 @@ fn paths_in_the_bowl_sum_the_bounces_of_any_albedo() {
     }
 }
 
-#[test]
-fn the_rows_sum_to_the_whole_and_the_light_of_the_store_needs_no_truncation() {
-    let scene = scene("bumpbox:40", None, 300);
+/// The texture that the scene's isosurface needs.
+fn bake_store(scene: &Scene, rays: u32) -> (MemoryTexture, Settings) {
     let layout = Layout {
         lattice: crate::transfer::Lattice::from_ratio(scene.volume.dims(), 1.0).unwrap(),
         layers: Layers::uniform(4, 5).unwrap(),
     };
-    let settings = Settings { layers: layout.layers.clone(), rays: 64, seed: 1, target: None, positive: false };
+    let settings = Settings { layers: layout.layers.clone(), rays, seed: 1, target: None, positive: false };
     let selection = texels_of_isosurface(&scene.volume, layout.lattice, scene.isovalue);
     let job = Bake {
         volume: &scene.volume,
@@ -122,6 +123,13 @@ fn the_rows_sum_to_the_whole_and_the_light_of_the_store_needs_no_truncation() {
         Ok(())
     })
     .unwrap();
+    (texture, settings)
+}
+
+#[test]
+fn the_rows_sum_to_the_whole_and_the_light_of_the_store_needs_no_truncation() {
+    let scene = scene("bumpbox:40", None, 300);
+    let (texture, settings) = bake_store(&scene, 64);
     let sky = probe::by_name("gradient").unwrap().unwrap();
     let orientation = Orientation::new(scene.volume.up, 0.0).unwrap();
     let coefficients = sky.coefficients_in_world(5, orientation);
@@ -151,4 +159,51 @@ fn the_rows_sum_to_the_whole_and_the_light_of_the_store_needs_no_truncation() {
     assert!(row("rounding").sqrt() < 1e-3 && row("rounding") > 0.0, "{found:?}");
     assert!(row("noise").sqrt() < 0.02 && found.whole.relative_rms.value < 0.03, "{:?}", found.budget);
     assert!(found.whole.bias.value.abs() < found.whole.bias.half_interval + 0.005);
+}
+
+#[test]
+fn harmonics_photons_and_paths_agree() {
+    // Under a smooth sky of which the bands of the store leave out next to nothing; what they do is measured, by the
+    // same paths, and allowed for.
+    for (spec, isovalue) in [("bowl:48", Some(0.6)), ("sphere:40", None), ("bumpbox:40", None)] {
+        let scene = scene(spec, isovalue, 200);
+        let (texture, settings) = bake_store(&scene, 64);
+        let sky = probe::by_name("gradient").unwrap().unwrap();
+        let orientation = Orientation::new(scene.volume.up, 0.0).unwrap();
+        let coefficients = sky.coefficients_in_world(5, orientation);
+        let source = sky.source(orientation);
+        let question = Question {
+            volume: &scene.volume,
+            pyramid: &scene.pyramid,
+            texture: &texture,
+            baked_by: Some(&settings),
+            isovalue: scene.isovalue,
+            points: &scene.points,
+            light: &source,
+            coefficients: &coefficients,
+            albedo: [0.7, 0.5, 0.3],
+            paths: 64,
+            texel_rays: 64,
+            seed: 7,
+        };
+        let found = compare(&question).unwrap();
+        let truncation = found.budget.iter().find(|r| r.name == "truncation").unwrap().mean_square.sqrt();
+        let isovalues = Isovalues::near(&scene.volume, scene.isovalue, 1.0).unwrap();
+        for light in [PhotonLight::Indirect, PhotonLight::All, PhotonLight::FinalGather] {
+            let asked = PhotonQuestion {
+                map: PhotonSettings { photons: 1 << 18, isovalues, seed: 5, ..PhotonSettings::default() },
+                reading: PhotonLightSettings { light, rays: 64, search: PhotonSearch::default(), seed: 5 },
+            };
+            let photons = compare_photons(&question, &found, &asked).unwrap();
+            // Intervals are 1.96 standard errors of the mean; points share photons, whose noise varies slower than that.
+            let within = |d: &Distance| d.bias.value.abs() < 2.0 * d.bias.half_interval + 0.01;
+            assert!(within(&found.whole) && within(&photons.store) && within(&photons.paths), "{spec}: {photons:?}");
+            // What the store adds to the truncation: a lookup between texels, and 64 rays of a texel.
+            assert!(found.whole.relative_rms_without_noise < truncation + 0.02, "{spec}: {:?}", found.whole);
+            assert!(photons.bias < 0.03, "{spec} {light:?}: {} beyond the noise {}", photons.bias, photons.noise);
+            let store = photons.store.relative_rms_without_noise;
+            assert!(store < truncation + 0.03, "{spec} {light:?}: {store}");
+            assert!(photons.energy.imbalance() < 1e-6);
+        }
+    }
 }

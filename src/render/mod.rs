@@ -3,9 +3,11 @@
 //! Knows nothing of solvers: radiance comes from a contracted texture, visibility from the tracer.
 
 mod camera;
+mod pixels;
 mod preview;
 mod sun;
 
 pub use camera::{Camera, Projection, View};
+pub use pixels::{SeenPoint, seen_points};
 pub use preview::{Backdrop, Picture, RenderOptions, render, render_among, render_with_suns};
 pub use sun::{SunLight, SunVisibility, sun_visibility};

@@ -133,7 +133,7 @@ struct Scene<'a, T> {
     clip: Bounds,
 }
 
-fn clip_box(volume: &Volume) -> Bounds {
+pub(super) fn clip_box(volume: &Volume) -> Bounds {
     let last = volume.dims().map(|d| (d - 1) as f64);
     Bounds { min: DVec3::ZERO, max: DVec3::from_array(last) }
 }
@@ -213,7 +213,7 @@ impl<T: Sample> Scene<'_, T> {
 }
 
 /// Where a ray enters a box, and through which pair of faces; `None` when it misses.
-fn enter(clip: &Bounds, origin: DVec3, direction: DVec3) -> Option<(DVec3, usize)> {
+pub(super) fn enter(clip: &Bounds, origin: DVec3, direction: DVec3) -> Option<(DVec3, usize)> {
     let (mut near, mut far, mut face) = (0.0f64, f64::INFINITY, 0);
     for a in 0..3 {
         if direction[a] == 0.0 {

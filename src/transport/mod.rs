@@ -16,6 +16,7 @@ mod direct;
 mod gather;
 mod open;
 mod path;
+pub mod photon;
 mod replay;
 mod scene_path;
 mod summary;
@@ -27,6 +28,10 @@ pub use bake::{Bake, BrickOutput, Progress, bake, bake_brick, estimates, pilot, 
 pub use direct::{DirectSettings, Radiance, SurfacePoint, direct};
 pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};
 pub use path::{Settings, Target, TexelEstimate, radiance_weights};
+pub use photon::{
+    Density, Irradiance, IsovalueChoice, Isovalues, PhotonBake, PhotonEnergy, PhotonLight, PhotonLightSettings,
+    PhotonMap, PhotonSearch, PhotonSettings, photon_bake, photon_direct,
+};
 pub use replay::{ReplayedPath, replay};
 pub use scene_path::{
     GroupBricks, PowerBalance, SceneBake, SceneCounts, SceneReference, SceneSettings, SceneSummary, bake_scene,

@@ -148,6 +148,8 @@ pub(super) struct Scratch {
     pub(super) blocked_sums: Vec<f32>,
     // How many points of each four-dimensional sequence the paths before have taken.
     taken: [PointsTaken; REPLICATES],
+    // Photons near a texel.
+    pub(super) nearest: super::photon::Nearest,
 }
 
 impl Scratch {

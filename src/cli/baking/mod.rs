@@ -20,7 +20,8 @@ use crate::scene::geometry::Geometry;
 use crate::transfer::store::{ChunkExtent, Identity, Store};
 use crate::transfer::{Brick, Lattice, Layout, Selection};
 use crate::transport::{
-    Bake, Bias, GatherSettings, Progress, SceneSummary, Settings, Summary, Target, bake, gather, pilot,
+    Bake, Bias, GatherSettings, PhotonBake, Progress, SceneSummary, Settings, Summary, Target, bake, gather,
+    photon_bake, pilot,
 };
 use crate::volume::{Shadowing, Volume};
 use serde_json::{Value, json};
@@ -93,6 +94,8 @@ pub(super) enum Estimator {
     Path,
     /// The texture as radiance cache: less noise in less time where light bounces often, with a bias that is printed
     Gather,
+    /// Flattened photon mapping, for study: light spread over the nearest photons, with a bias that no error bar holds
+    Photon,
 }
 
 /// One of several parts into which the chunks of a store are dealt out.
@@ -167,6 +170,9 @@ impl Job<'_> {
         };
         match self.estimator {
             Estimator::Path => format!("path{shadows}"),
+            Estimator::Photon => {
+                format!("photon: {} sent out, {} to a texel{shadows}", self.photons().photons, self.settings.rays)
+            }
             Estimator::Gather => {
                 let how = self.gather_settings();
                 let list = |l: &Vec<f64>| l.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
@@ -179,6 +185,14 @@ impl Job<'_> {
                 )
             }
         }
+    }
+
+    /// A photon for every 16th ray that `path` would trace: they take memory, and many serve several texels.
+    fn photons(&self) -> PhotonBake {
+        let texels: u64 = self.layout.lattice.texels().iter().map(|&m| m as u64).product();
+        let photons = (texels * u64::from(self.settings.rays) / 16).clamp(1 << 16, 1 << 24) as u32;
+        let memory_limit = self.memory_limit.unwrap_or_else(options::default_memory_limit);
+        PhotonBake { photons, gamma: 1.0, memory_limit }
     }
 
     fn gather_settings(&self) -> GatherSettings {
@@ -227,9 +241,15 @@ impl Job<'_> {
         if let Some(geometry) = self.geometry {
             self.check_scene(geometry)?;
         }
-        if self.estimator == Estimator::Gather && (self.goal.error.is_some() || self.goal.time.is_some()) {
+        if self.estimator != Estimator::Path && (self.goal.error.is_some() || self.goal.time.is_some()) {
             let remedy = "leave out --error and --time, or use the estimator path";
-            return Err(Error::argument("--estimator gather", "a target as well", "a number of --rays", remedy));
+            let name = if self.estimator == Estimator::Gather { "gather" } else { "photon" };
+            return Err(Error::argument(
+                format!("--estimator {name}"),
+                "a target as well",
+                "a number of --rays",
+                remedy,
+            ));
         }
         Ok(())
     }
@@ -410,6 +430,10 @@ fn bake_part(
             let gathered = gather(&request, &job.gather_settings(), &part.chunks, progress, &present, &mut sink)?;
             summary.add(&gathered.summary);
             report.bias = Some(gathered.bias);
+        }
+        Estimator::Photon => {
+            let (found, _) = photon_bake(&request, &job.photons(), &part.chunks, progress, &present, &mut sink)?;
+            summary.add(&found);
         }
     }
     report.summary.add(&summary);

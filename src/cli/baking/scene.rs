@@ -59,8 +59,8 @@ impl Job<'_> {
         if self.goal.error.is_some() || self.goal.time.is_some() {
             return refuse("--error and --time", "give a number of --rays");
         }
-        if self.estimator == Estimator::Gather {
-            return refuse("--estimator gather", "leave it out: scenes are baked by path");
+        if self.estimator != Estimator::Path {
+            return refuse("--estimator", "leave it out: scenes are baked by path");
         }
         if self.effects.switched("shadowing").is_some() {
             return refuse("--effects shadowing", "leave it out: among walls every texel is traced");

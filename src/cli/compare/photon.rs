@@ -1,0 +1,154 @@
+//! Photons as options, and what they found as a table.
+
+use super::Row;
+use crate::cli::text;
+use crate::compare::{PhotonComparison, PhotonQuestion};
+use crate::error::{Error, Result};
+use crate::transport::{
+    Density, IsovalueChoice, Isovalues, PhotonLight, PhotonLightSettings, PhotonSearch, PhotonSettings,
+};
+use crate::volume::Volume;
+use serde_json::{Value, json};
+
+/// Flattened photon mapping.
+#[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = "Photons, with --against photon")]
+pub(super) struct PhotonArgs {
+    /// Photons sent out
+    #[arg(long, value_name = "N", default_value_t = 1 << 21, value_parser = clap::value_parser!(u32).range(1..=1 << 30))]
+    photons: u32,
+    /// What photons are taken for
+    #[arg(long, value_enum, default_value = "indirect")]
+    photon_light: LightChoice,
+    /// Which isovalues they carry
+    #[arg(long, value_enum, default_value = "near")]
+    photon_isovalues: IsovaluesChoice,
+    /// How far photons of other isovalues are off: γ times the box's diagonal over the range of the samples
+    #[arg(long, value_name = "G", default_value_t = 1.0)]
+    gamma: f32,
+    /// Nearest photons that an estimate rests on
+    #[arg(long, value_name = "K", default_value_t = 128, value_parser = clap::value_parser!(u32).range(2..=1 << 20))]
+    neighbours: u32,
+    /// How the density of photons is read
+    #[arg(long, value_enum, default_value = "tilted")]
+    estimate: Estimate,
+    /// Rays at each point for direct light and gathering, a power of two
+    #[arg(long, value_name = "N", default_value = "256", value_parser = crate::cli::options::parse_rays)]
+    photon_rays: u32,
+}
+
+/// As [`PhotonLight`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum LightChoice {
+    /// Indirect light; direct light by rays
+    Indirect,
+    /// All light
+    All,
+    /// All light, one reflection away: rays gather it
+    Gather,
+}
+
+/// As [`IsovalueChoice`], and its range.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum IsovaluesChoice {
+    /// Those within half a sample of the surface
+    Near,
+    /// All, by the number of cells that they cross
+    Extents,
+    /// All alike
+    Uniform,
+}
+
+/// As [`Density`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Estimate {
+    /// By the ellipsoid that a search covers on a tilted field
+    Tilted,
+    /// As published by Beason (2005): too dark; for study
+    Published,
+}
+
+/// Samples that isovalues near a surface span across it.
+const NEAR_CELLS: f64 = 1.0;
+
+impl PhotonArgs {
+    pub(super) fn question(&self, volume: &Volume, isovalue: f64, seed: u64) -> Result<PhotonQuestion> {
+        let isovalues = match self.photon_isovalues {
+            IsovaluesChoice::Near => Isovalues::near(volume, isovalue, NEAR_CELLS)
+                .ok_or_else(|| Error::argument("isovalue", isovalue, "one that crosses a cell", "give another"))?,
+            IsovaluesChoice::Extents => Isovalues { choice: IsovalueChoice::Extents, range: None },
+            IsovaluesChoice::Uniform => Isovalues { choice: IsovalueChoice::Uniform, range: None },
+        };
+        let memory_limit = crate::cli::options::default_memory_limit();
+        let map = PhotonSettings {
+            photons: self.photons,
+            isovalues,
+            gamma: self.gamma,
+            seed,
+            memory_limit,
+            ..PhotonSettings::default()
+        };
+        let light = match self.photon_light {
+            LightChoice::Indirect => PhotonLight::Indirect,
+            LightChoice::All => PhotonLight::All,
+            LightChoice::Gather => PhotonLight::FinalGather,
+        };
+        let density = match self.estimate {
+            Estimate::Tilted => Density::Tilted,
+            Estimate::Published => Density::Published,
+        };
+        let search = PhotonSearch { neighbours: self.neighbours, density, ..PhotonSearch::default() };
+        let reading = PhotonLightSettings { light, rays: self.photon_rays, search, seed };
+        Ok(PhotonQuestion { map, reading })
+    }
+}
+
+/// Photons beside the store and the paths.
+pub(super) fn table(rows: &[Row]) -> String {
+    let head = [
+        "isovalue",
+        "environment",
+        "store against photons",
+        "bias",
+        "photons against paths",
+        "bias",
+        "their noise",
+        "their bias (RMS)",
+        "hits",
+        "memory",
+    ];
+    let mut lines = vec![head.map(String::from).to_vec()];
+    for row in rows {
+        let Some(p) = &row.photons else { continue };
+        let percent =
+            |d: &crate::compare::Figure| format!("{} ± {}", text::percent(d.value), text::percent(d.half_interval));
+        let bias = |d: &crate::compare::Figure| format!("{:+.2} ± {:.2} %", 100.0 * d.value, 100.0 * d.half_interval);
+        lines.push(vec![
+            text::number(row.isovalue, 6),
+            row.env.clone(),
+            percent(&p.store.relative_rms),
+            bias(&p.store.bias),
+            percent(&p.paths.relative_rms),
+            bias(&p.paths.bias),
+            text::percent(p.noise),
+            text::percent(p.bias),
+            p.hits.to_string(),
+            text::bytes(p.bytes as f64),
+        ]);
+    }
+    format!("Photons, relative RMS under the whole light\n{}", text::table(&lines))
+}
+
+pub(super) fn photons_json(p: &PhotonComparison) -> Value {
+    let e = &p.energy;
+    json!({
+        "store_against_photons": super::distance_json(&p.store),
+        "photons_against_paths": super::distance_json(&p.paths),
+        "noise": p.noise, "bias_rms": p.bias, "hits": p.hits, "bytes": p.bytes,
+        "energy": {
+            "photons": e.photons, "emitted": e.emitted, "missed": e.missed, "discarded": e.discarded,
+            "escaped": e.escaped, "absorbed": e.absorbed, "cut": e.cut, "imbalance": e.imbalance(),
+            "stored_by_bounce": e.stored,
+        },
+    })
+}

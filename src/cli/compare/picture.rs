@@ -1,0 +1,244 @@
+//! Pictures of a comparison: the store, the reference, and their difference in false colours.
+
+use crate::cli::output::{self, Target};
+use crate::cli::surface::Surface;
+use crate::cli::{Outcome, picture, text};
+use crate::compare::{PhotonQuestion, Question, by_store};
+use crate::error::{Error, Result};
+use crate::export::gltf::GltfOptions;
+use crate::export::png::PngOptions;
+use crate::export::sheet::{SheetStyle, Tile, contact_sheet};
+use crate::export::{Image, atomic, gltf, png};
+use crate::relight::Exposure;
+use crate::render::{SeenPoint, seen_points};
+use crate::scene::Colormap;
+use crate::transport::{DirectSettings, SurfacePoint, direct};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+/// Which pictures to write.
+#[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = "Pictures")]
+pub(super) struct PictureOutput {
+    /// Write a picture: store, reference, and their difference; {isovalue} and {env} in the name for several
+    #[arg(long, value_name = "FILE.png")]
+    png: Option<PathBuf>,
+    /// Write the surface with the difference as vertex colours
+    #[arg(long, value_name = "FILE.glb")]
+    glb: Option<PathBuf>,
+    #[command(flatten)]
+    picture: picture::PictureArgs,
+    /// Difference that shows in full colour, such as 10%, over the mean radiance [default: what 98 % of it is below]
+    #[arg(long, value_name = "E", value_parser = parse_scale)]
+    scale: Option<f64>,
+}
+
+fn parse_scale(text: &str) -> std::result::Result<f64, String> {
+    let (number, unit) = text.strip_suffix('%').map_or((text, 1.0), |percent| (percent, 100.0));
+    match number.trim().parse::<f64>().map(|n| n / unit) {
+        Ok(scale) if scale > 0.0 && scale.is_finite() => Ok(scale),
+        _ => Err("give a positive number such as 0.1 or 10%".into()),
+    }
+}
+
+/// The files of one surface under one light.
+#[derive(Default)]
+pub(super) struct Files {
+    png: Option<Target>,
+    glb: Option<Target>,
+}
+
+impl Files {
+    pub(super) fn paths(&self) -> impl Iterator<Item = &Path> {
+        self.png.iter().chain(&self.glb).map(|t| t.path.as_path())
+    }
+}
+
+/// What differs where.
+struct Differences {
+    store: Vec<[f32; 3]>,
+    reference: Vec<[f32; 3]>,
+    // Mean of the channels of store minus reference, over the mean radiance of the reference.
+    relative: Vec<f64>,
+}
+
+impl PictureOutput {
+    /// The files to write, isovalue-major; each can be written.
+    pub(super) fn files(&self, name: &str, isovalues: &[f64], environments: &[String]) -> Outcome<Vec<Files>> {
+        let of = |path: &Option<PathBuf>, suffix: &str| -> Outcome<Vec<Option<Target>>> {
+            let Some(path) = path else { return Ok(vec![None; isovalues.len() * environments.len()]) };
+            if path.extension().is_none_or(|e| e != suffix) {
+                let expected = format!("a name ending in .{suffix}");
+                return Err(Error::argument("output", path.display(), expected, "the ending decides the format").into());
+            }
+            Ok(output::targets(path, name, isovalues, environments)?.into_iter().map(Some).collect())
+        };
+        let (pngs, glbs) = (of(&self.png, "png")?, of(&self.glb, "glb")?);
+        Ok(pngs.into_iter().zip(glbs).map(|(png, glb)| Files { png, glb }).collect())
+    }
+
+    /// Computes both answers anew at the pixels and at the vertices, and writes what is asked for. The reference is
+    /// photons where they are given, else paths; `mean` is what differences are measured by.
+    pub(super) fn write(
+        &self,
+        files: &Files,
+        question: &Question<'_>,
+        surface: &Surface,
+        photons: Option<&PhotonQuestion>,
+        mean: f64,
+    ) -> Outcome {
+        if let Some(target) = &files.png {
+            self.write_png(&target.path, question, surface, photons, mean)?;
+        }
+        if let Some(target) = &files.glb {
+            self.write_glb(&target.path, question, surface, photons, mean)?;
+        }
+        Ok(())
+    }
+
+    fn write_png(
+        &self,
+        path: &Path,
+        q: &Question<'_>,
+        surface: &Surface,
+        photons: Option<&PhotonQuestion>,
+        mean: f64,
+    ) -> Outcome {
+        let (width, height) = self.picture.size;
+        picture::check_size((3 * width, height), None)?;
+        let (view, projection) = (self.picture.view, self.picture.projection());
+        let camera = surface.camera(q.volume, q.volume.up, view, projection, width as f64 / height as f64);
+        let seen = seen_points(q.volume, q.pyramid, q.isovalue, &camera, width, height);
+        let found = differences(q, &seen.iter().flatten().map(point_of).collect::<Vec<_>>(), photons, mean)?;
+        let scale = self.scale.unwrap_or_else(|| found.natural_scale());
+        let exposure = Exposure::Percentile.factor(&found.reference);
+        let panel = |colours: &[[f32; 3]]| -> Result<Image> {
+            let mut next = colours.iter();
+            let pixels = seen.iter().map(|seen| match seen.and_then(|_| next.next()) {
+                Some(&[r, g, b]) => [r, g, b, 1.0],
+                None => self.picture.background,
+            });
+            Image::new(width, height, pixels.collect())
+        };
+        let mut difference = panel(&found.colours(scale))?;
+        draw_bar(&mut difference);
+        let images = [
+            panel(&Exposure::apply(exposure, &found.store))?,
+            panel(&Exposure::apply(exposure, &found.reference))?,
+            difference,
+        ];
+        let reference = if photons.is_some() { "photons" } else { "paths" };
+        let rms = (found.relative.iter().map(|d| d * d).sum::<f64>() / found.relative.len().max(1) as f64).sqrt();
+        let labels = [
+            "spherical harmonics".to_string(),
+            reference.to_string(),
+            format!(
+                "difference / mean: blue −{0}, white 0, red +{0}; RMS {1}",
+                text::percent(scale),
+                text::percent(rms)
+            ),
+        ];
+        let tiles: Vec<Tile<'_>> = images.iter().zip(&labels).map(|(image, label)| Tile { image, label }).collect();
+        let sheet = contact_sheet(&tiles, &SheetStyle { columns: Some(3), ..SheetStyle::default() })?;
+        let software = Some(concat!("isolume ", env!("CARGO_PKG_VERSION")).into());
+        let description = json!({
+            "isovalue": q.isovalue, "reference": reference, "scale": scale, "mean_radiance": mean, "rms": rms,
+        });
+        let options = PngOptions { software, description: Some(description.to_string()), alpha: false };
+        Ok(atomic::write(path, |w| png::write(w, &sheet, &options))?)
+    }
+
+    fn write_glb(
+        &self,
+        path: &Path,
+        q: &Question<'_>,
+        surface: &Surface,
+        photons: Option<&PhotonQuestion>,
+        mean: f64,
+    ) -> Outcome {
+        let mesh = &surface.mesh;
+        let vertices = mesh.positions_in_grid.iter().zip(&mesh.normals);
+        let points: Vec<SurfacePoint> =
+            vertices.map(|(p, n)| SurfacePoint { position_in_grid: *p, normal: *n }).collect();
+        let found = differences(q, &points, photons, mean)?;
+        let scale = self.scale.unwrap_or_else(|| found.natural_scale());
+        let colours = found.colours(scale);
+        let name = format!("{} {}, difference", q.volume.name, text::number(q.isovalue, 8));
+        let radiance: Vec<[f32; 3]> =
+            (0..colours.len()).map(|i| std::array::from_fn(|c| found.store[i][c] - found.reference[i][c])).collect();
+        let errors = vec![0.0; radiance.len()];
+        let mesh = surface.export(&name, q.volume, q.volume.up, &colours, Some((&radiance, &errors)));
+        let reference = if photons.is_some() { "photons" } else { "paths" };
+        let provenance = json!({
+            "difference_of": ["store", reference], "blue": -scale, "red": scale, "mean_radiance": mean,
+            "_RADIANCE": "store minus reference",
+        });
+        let options = GltfOptions { provenance, ..GltfOptions::default() };
+        Ok(atomic::write(path, |w| gltf::write(w, &mesh, &options))?)
+    }
+}
+
+fn point_of(seen: &SeenPoint) -> SurfacePoint {
+    SurfacePoint { position_in_grid: seen.position_in_grid, normal: seen.normal }
+}
+
+/// Both answers at points of the surface of a question.
+fn differences(
+    q: &Question<'_>,
+    points: &[SurfacePoint],
+    photons: Option<&PhotonQuestion>,
+    mean: f64,
+) -> Result<Differences> {
+    let q = &Question { points, ..*q };
+    let (store, _) = by_store(q)?;
+    let reference: Vec<[f64; 3]> = match photons {
+        Some(photons) => photons.answer(q)?.0.iter().map(|r| r.mean).collect(),
+        None => {
+            let settings = DirectSettings { paths: q.paths, albedo: q.albedo, seed: q.seed };
+            let (found, _) = direct(q.volume, q.pyramid, q.isovalue, points, &[q.light], &settings)?;
+            found.iter().flatten().map(|r| r.mean).collect()
+        }
+    };
+    let relative = store.iter().zip(&reference).map(|(a, b)| {
+        let difference = (0..3).map(|c| a[c] - b[c]).sum::<f64>() / 3.0;
+        if mean > 0.0 { difference / mean } else { 0.0 }
+    });
+    let relative = relative.collect();
+    let rounded = |v: Vec<[f64; 3]>| v.into_iter().map(|p| p.map(|c| c as f32)).collect();
+    Ok(Differences { store: rounded(store), reference: rounded(reference), relative })
+}
+
+impl Differences {
+    /// What 98 % of the differences are below, rounded up to 1, 2 or 5 of a decimal place.
+    fn natural_scale(&self) -> f64 {
+        let mut sizes: Vec<f64> = self.relative.iter().map(|d| d.abs()).collect();
+        sizes.sort_by(f64::total_cmp);
+        let wanted = sizes.get(sizes.len() * 98 / 100).copied().unwrap_or(0.0);
+        let steps = (-6..6).flat_map(|e| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(e)));
+        let mut steps = steps.skip_while(|s| *s < wanted);
+        steps.next().unwrap_or(1.0)
+    }
+
+    /// Blue for too dark, white for equal, red for too bright.
+    fn colours(&self, scale: f64) -> Vec<[f32; 3]> {
+        self.relative.iter().map(|d| false_colour(d / scale)).collect()
+    }
+}
+
+/// The colour of a difference from −1 to 1.
+fn false_colour(t: f64) -> [f32; 3] {
+    let Ok(map) = Colormap::named("red-blue") else { return [0.0; 3] };
+    map.linear(0.5 - 0.5 * t)
+}
+
+/// Draws the scale of colours along the lower edge.
+fn draw_bar(image: &mut Image) {
+    let (width, height) = (image.width(), image.height());
+    let thickness = (height / 40).max(2);
+    for x in 0..width {
+        let [r, g, b] = false_colour(2.0 * (x as f64 + 0.5) / width as f64 - 1.0);
+        for y in height - thickness..height {
+            image.pixels_mut()[y * width + x] = [r, g, b, 1.0];
+        }
+    }
+}

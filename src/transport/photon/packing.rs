@@ -1,0 +1,118 @@
+//! What is kept of a photon: 40 bytes.
+
+use glam::Vec3;
+use half::f16;
+
+/// A photon where it met its level set.
+///
+/// The order of a [`super::tree::Tree`] stands in `axis`, so that the tree itself takes no memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+pub(super) struct Photon {
+    /// Position in diagonals of the box from its centre, and γ times the isovalue in ranges of the samples.
+    pub(super) point: [f32; 4],
+    /// Flux-height as it arrives, of the channel that has the most (of either sign).
+    pub(super) flux: f32,
+    /// Flux-height without radiance and albedo: that under L = 1 with survivors of the roulette weighted 1/survival.
+    pub(super) transfer: f32,
+    // Octahedral.
+    normal: u32,
+    source: u32,
+    // Share of the channel that has the most.
+    channels: [f16; 3],
+    /// Reflections before this hit, 255 for more.
+    pub(super) bounce: u8,
+    /// Coordinate by which the tree splits here.
+    pub(super) axis: u8,
+}
+
+const _: () = assert!(size_of::<Photon>() == 40);
+
+impl Photon {
+    /// `normal` at the hit; `source` points to where in the environment the photon came from.
+    pub(super) fn new(point: [f32; 4], flux: [f64; 3], transfer: f64, normal: Vec3, source: Vec3, bounce: u32) -> Self {
+        let most = flux.into_iter().fold(0.0f64, |m, f| if f.abs() > m.abs() { f } else { m });
+        let share = |c: usize| f16::from_f64(if most != 0.0 { flux[c] / most } else { 0.0 });
+        Self {
+            point,
+            flux: most as f32,
+            transfer: transfer as f32,
+            normal: octahedral(normal),
+            source: octahedral(source),
+            channels: [share(0), share(1), share(2)],
+            bounce: bounce.min(255) as u8,
+            axis: 0,
+        }
+    }
+
+    /// Flux-height of each channel.
+    pub(super) fn flux_of(&self) -> [f64; 3] {
+        self.channels.map(|share| share.to_f64() * f64::from(self.flux))
+    }
+
+    /// Unit normal of the level set at the hit.
+    pub(super) fn normal(&self) -> Vec3 {
+        from_octahedral(self.normal)
+    }
+
+    /// Where in the environment it came from.
+    pub(super) fn source(&self) -> Vec3 {
+        from_octahedral(self.source)
+    }
+}
+
+/// A unit vector in 32 bits, off by at most 1e-4 (Meyer et al. 2010, "On floating-point normal vectors": the octahedral
+/// map, rounded to nearest).
+fn octahedral(v: Vec3) -> u32 {
+    let flat = v / (v.x.abs() + v.y.abs() + v.z.abs());
+    let (mut x, mut y) = (flat.x, flat.y);
+    if v.z < 0.0 {
+        (x, y) = ((1.0 - flat.y.abs()) * sign(flat.x), (1.0 - flat.x.abs()) * sign(flat.y));
+    }
+    let code = |t: f32| ((t.clamp(-1.0, 1.0) * 32767.0).round() as i16) as u16;
+    u32::from(code(x)) << 16 | u32::from(code(y))
+}
+
+fn from_octahedral(code: u32) -> Vec3 {
+    let part = |bits: u32| f32::from(bits as u16 as i16) * (1.0 / 32767.0);
+    let (x, y) = (part(code >> 16), part(code));
+    let z = 1.0 - x.abs() - y.abs();
+    let folded =
+        if z < 0.0 { Vec3::new((1.0 - y.abs()) * sign(x), (1.0 - x.abs()) * sign(y), z) } else { Vec3::new(x, y, z) };
+    folded.normalize()
+}
+
+/// +1 for 0, unlike a sign that has three values.
+fn sign(t: f32) -> f32 {
+    if t < 0.0 { -1.0 } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::warp;
+
+    #[test]
+    fn directions_and_channels_come_back() {
+        for i in 0..4000u32 {
+            let u = [i as f32 / 4000.0, (i as f32 * 0.618_034).fract()];
+            let v = warp::square_to_uniform_sphere(u);
+            let back = from_octahedral(octahedral(v));
+            assert!((back - v).length() < 1e-4, "{v} {back}");
+        }
+        for v in [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z] {
+            assert!((from_octahedral(octahedral(v)) - v).length() < 1e-6, "{v}");
+        }
+        let photon = Photon::new([0.0; 4], [1e-9, 3e-5, 1.5e-5], 2.0, Vec3::X, Vec3::Y, 1000);
+        let found = photon.flux_of();
+        for (found, expected) in found.iter().zip([1e-9, 3e-5, 1.5e-5]) {
+            // Half precision, and its smallest number of the largest channel.
+            assert!((found - expected).abs() < expected * 2f64.powi(-11) + 3e-5 * 2f64.powi(-25), "{found:?}");
+        }
+        assert_eq!(photon.bounce, 255);
+        // An environment whose negatives are kept.
+        let negative = Photon::new([0.0; 4], [-4.0, 1.0, 0.0], 2.0, Vec3::X, Vec3::Y, 0);
+        assert_eq!(negative.flux_of(), [-4.0, 1.0, 0.0]);
+        assert_eq!(Photon::new([0.0; 4], [0.0; 3], 2.0, Vec3::X, Vec3::Y, 0).flux_of(), [0.0; 3]);
+    }
+}
