@@ -19,6 +19,10 @@
 //! its way. In flattened transport a ray sees only its own level set, so a colour that depends on the isovalue
 //! alone is exact too: relighting *and* recolouring never trace a ray.
 //!
+//! Walls and luminaires around the volume are the same for every isovalue. Where a scene has them, transfer has three
+//! channels and each luminaire a texture of its own ([`transfer::Group`]), and another estimator fills them
+//! ([`transport::bake_scene`]); the albedo of the level set and the power of the luminaires stay free for relighting.
+//!
 //! # Words
 //! * **h**: the scalar field, trilinear between samples, vertex-centred ([`volume`]).
 //! * **c**: an isovalue, always in the file's values where it crosses the interface ([`volume`]).
@@ -55,7 +59,7 @@
 //! | [`sh`] | basis, coefficients, projection, rotation, windows | colour, images, volumes |
 //! | [`volume`] | samples and grid, readers from `impl Read`, analytic fields | light, rays |
 //! | [`level`] | rays with an isovalue for life, the min/max pyramid, roots in a cell, B-spline normals | light, SH, random numbers |
-//! | [`scene`] | descriptions in TOML, materials over the isovalue, the encoding of colours, the plan of effects | solvers' insides |
+//! | [`scene`] | descriptions in TOML, walls and luminaires ([`scene::geometry`]), materials over the isovalue, the encoding of colours, the plan of effects | solvers' insides |
 //! | [`transfer`] | lattice, layers, bricks, selections, the store on disk | how transfer was computed; probes |
 //! | [`transport`] | the estimators, error bars, the parallel loop, paths and photons as references of one surface | probes, meshes, files |
 //! | [`probe`] | environment images, skies, projection, orientation | volumes, transfer |

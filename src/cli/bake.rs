@@ -1,6 +1,6 @@
 //! `isolume bake`: fills a transfer store.
 
-use super::baking::{ForLight, Goal, Hints, Job, Share, fill, parse_time, size_on_disk};
+use super::baking::{ForLight, Goal, Hints, Job, Share, fill, layout_of_scene, parse_time, size_on_disk};
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::light::open_probe;
@@ -78,15 +78,20 @@ impl Bake {
             check_output(path)?;
         }
         let scene = self.scene.as_ref();
-        let mut opened = super::scene::open(&self.input, &self.volume, scene)?;
+        let mut opened = super::scene::open(&self.input, &self.volume, scene, &self.bake.transfer.effects())?;
         self.bake.transfer.switch_shadows(&mut opened.volume);
         let volume = &opened.volume;
         for note in &volume.notes {
             console.note(&note.text);
         }
-        let layout = self.bake.transfer.layout(volume, &self.bake.bands)?;
+        let geometry = opened.geometry.as_ref();
+        let layout = layout_of_scene(self.bake.transfer.layout(volume, &self.bake.bands)?, geometry);
         let settings = self.bake.transfer.settings(&layout, seed, self.time.is_some());
         if let Some(texel) = self.replay_texel {
+            if geometry.is_some() {
+                let message = "--replay-texel knows no walls and luminaires: give the volume itself";
+                return Err(Failure::Message(message.into()));
+            }
             return replay::run(volume, &layout, &settings, texel, console);
         }
         let chosen = if self.is_empty(volume)? {
@@ -120,6 +125,7 @@ impl Bake {
             start,
             effects,
             hints,
+            geometry,
         };
         job.check_memory()?;
         let Some(path) = &self.output else {

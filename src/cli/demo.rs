@@ -167,6 +167,7 @@ fn bake(volume: &Volume, store: &Path, seed: u64, console: &Console) -> Outcome<
         start,
         effects: &Effects::default(),
         hints: Hints::default(),
+        geometry: None,
     };
     let (_, report) = fill(&job, store, console)?;
     let bytes = size_on_disk(store);

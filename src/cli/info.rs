@@ -200,6 +200,10 @@ fn store(argument: &str, console: &Console) -> Outcome {
     rows.push(row("layers", format!("{} with {:?} bands", identity.bands.len(), identity.bands)));
     let sign = if identity.positive { ", positive" } else { "" };
     rows.push(row("estimator", format!("{}{sign}, seed {}", identity.estimator, identity.seed)));
+    if let Some(scene) = &identity.scene {
+        let names = if scene.luminaires.is_empty() { "none".into() } else { scene.luminaires.join(", ") };
+        rows.push(row("scene", format!("red, green and blue among walls or luminaires; luminaires: {names}")));
+    }
     rows.push(row("isovalues", isovalues_text(&held)));
     let all: usize = store.layout().lattice.chunks().iter().product();
     rows.push(row("baked", format!("{} of {all} chunks, {}", held.chunks, text::bytes(bytes as f64))));

@@ -3,6 +3,7 @@
 use super::{Outcome, text};
 use crate::error::{Error, Result};
 use crate::geom::Up;
+use crate::scene::geometry::Geometry;
 use crate::volume::{ReadHint, Solid, Volume, field, open_with};
 use clap::ValueEnum;
 use std::path::Path;
@@ -56,6 +57,8 @@ pub(super) struct Input {
     pub(super) label: String,
     /// The isovalue that shows a field best.
     pub(super) default_isovalue: Option<f64>,
+    /// What stands around it.
+    pub(super) geometry: Option<Geometry>,
 }
 
 /// Opens a volume argument.
@@ -63,9 +66,12 @@ pub(super) fn open(argument: &str, args: &VolumeArgs) -> Outcome<Input> {
     let mut input = match field::by_name(argument)? {
         Some(named) => {
             let default_isovalue = Some(named.field.default_isovalue());
-            Input { volume: named.sample()?, label: argument.into(), default_isovalue }
+            Input { volume: named.sample()?, label: argument.into(), default_isovalue, geometry: None }
         }
-        None => Input { volume: open_file(argument, args)?, label: file_name(argument), default_isovalue: None },
+        None => {
+            let (volume, label) = (open_file(argument, args)?, file_name(argument));
+            Input { volume, label, default_isovalue: None, geometry: None }
+        }
     };
     if let Some(side) = args.solid {
         input.volume.solid = side.into();

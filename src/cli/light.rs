@@ -28,6 +28,9 @@ pub(super) struct LightArgs {
     /// Split the dominant lamp off the environment and light it directly, by visibility rays: sharp shadows, no ringing
     #[arg(long)]
     pub(super) sun_split: bool,
+    /// Factor on the power of a luminaire of a scene, one number or three for red, green and blue, such as ceiling=2
+    #[arg(long = "luminaire", value_name = "NAME=FACTOR", value_parser = super::scene_light::parse_factor)]
+    pub(super) luminaires: Vec<super::scene_light::Factor>,
     /// Cut the light to this many bands [default: those of the store]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=crate::sh::MAX_BANDS as i64))]
     pub(super) bands: Option<u8>,

@@ -39,6 +39,8 @@ mod relight;
 mod relightable;
 mod replay;
 mod scene;
+mod scene_light;
+mod scene_walls;
 mod still;
 mod study;
 mod surface;

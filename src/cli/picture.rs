@@ -11,9 +11,9 @@ use clap::ValueEnum;
 use glam::{DMat3, DVec3};
 use std::path::{Path, PathBuf};
 
-/// How a preview looks.
+/// From where a surface is seen.
 #[derive(clap::Args, Clone, Debug)]
-pub(super) struct PictureArgs {
+pub(super) struct ViewArgs {
     /// Camera: front, back, left, right, top, bottom, iso, or AZIMUTH,ELEVATION in degrees
     #[arg(long, default_value = "iso", value_name = "VIEW", value_parser = parse_view, allow_hyphen_values = true)]
     pub(super) view: View,
@@ -23,6 +23,13 @@ pub(super) struct PictureArgs {
     /// Size of the picture
     #[arg(long, default_value = "960x720", value_name = "WxH", value_parser = parse_size)]
     pub(super) size: (usize, usize),
+}
+
+/// How a preview looks.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct PictureArgs {
+    #[command(flatten)]
+    pub(super) seen: ViewArgs,
     /// Behind the surface: white, black, transparent, environment, or #rrggbb (sRGB)
     #[arg(long, default_value = "#2c3036", value_name = "COLOUR", value_parser = parse_background)]
     pub(super) background: Background,
@@ -156,15 +163,17 @@ fn parse_background(text: &str) -> std::result::Result<Background, String> {
     Ok(Background::Colour(colour))
 }
 
-impl PictureArgs {
+impl ViewArgs {
     /// The projection asked for.
     pub(super) fn projection(&self) -> Projection {
         self.perspective.map_or(Projection::Orthographic, Projection::Perspective)
     }
+}
 
+impl PictureArgs {
     /// The camera asked for, at a view; on a turntable what is seen keeps its size.
     pub(super) fn camera(&self, surface: &Surface, volume: &Volume, up: Up, view: View) -> Camera {
-        let aspect = self.size.0 as f64 / self.size.1 as f64;
+        let (aspect, projection) = (self.seen.size.0 as f64 / self.seen.size.1 as f64, self.seen.projection());
         let bounds = volume.world_bounds();
         if self.turntable.is_some() {
             // The box at all its turns: the same extent from every side.
@@ -174,11 +183,11 @@ impl PictureArgs {
                 let turn = DMat3::from_axis_angle(up.axis(), angle);
                 bounds.centre() + turn * (DVec3::from_array(corner) - bounds.centre())
             });
-            return Camera::framing_points(points, up, view, self.projection(), aspect);
+            return Camera::framing_points(points, up, view, projection, aspect);
         }
         match self.frame {
-            Frame::Surface => surface.camera(volume, up, view, self.projection(), aspect),
-            Frame::Box => Camera::framing(&bounds, up, view, self.projection(), aspect),
+            Frame::Surface => surface.camera(volume, up, view, projection, aspect),
+            Frame::Box => Camera::framing(&bounds, up, view, projection, aspect),
         }
     }
 

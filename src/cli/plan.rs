@@ -1,6 +1,6 @@
 //! `isolume plan`: what a bake would simulate, and why.
 
-use super::baking::{Goal, Hints, Job, parse_time};
+use super::baking::{Goal, Hints, Job, layout_of_scene, parse_time};
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::isovalue::Isovalue;
@@ -8,6 +8,7 @@ use super::light::open_probe;
 use super::options::BakeArgs;
 use super::scene::SceneFile;
 use super::{Outcome, forecast, text};
+use crate::error::Error;
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::scene;
@@ -47,10 +48,11 @@ pub(super) struct Plan {
 impl Plan {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
         let scene = self.scene.as_ref();
-        let mut opened = super::scene::open(&self.input, &self.volume, scene)?;
+        let mut opened = super::scene::open(&self.input, &self.volume, scene, &self.bake.transfer.effects())?;
         self.bake.transfer.switch_shadows(&mut opened.volume);
         let volume = &opened.volume;
-        let layout = self.bake.transfer.layout(volume, &self.bake.bands)?;
+        let geometry = opened.geometry.as_ref();
+        let layout = layout_of_scene(self.bake.transfer.layout(volume, &self.bake.bands)?, geometry);
         let settings = self.bake.transfer.settings(&layout, seed, false);
         let chosen = self.bake.isovalues(volume, opened.default_isovalue, scene)?;
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
@@ -74,6 +76,7 @@ impl Plan {
             start,
             effects,
             hints,
+            geometry,
         };
         if let Some(albedo) = self.albedo {
             crate::relight::Material::new([albedo; 3], [0.0; 3])?;
@@ -89,6 +92,11 @@ impl Plan {
         ));
         let mut json = serde_json::to_value(&plan).unwrap_or_default();
         if self.time.is_some() || self.bake.transfer.error.is_some() {
+            if job.geometry.is_some() {
+                let expected = "a volume without walls and luminaires";
+                let found = "a scene that has them";
+                return Err(Error::argument("--time and --error", found, expected, "give a number of --rays").into());
+            }
             json["forecast"] = self.forecast(&job, &pyramid, opened.default_isovalue, seed, console)?;
         }
         console.print_json(&json);

@@ -1,12 +1,15 @@
 //! A scene file where a command takes a volume: what it says becomes options, for those that were not given.
 
 use super::input::{Input, VolumeArgs};
-use super::{Cli, Command, Outcome, input};
+use super::{Cli, Command, Failure, Outcome, input};
 use crate::error::{Error, Result};
-use crate::scene::{Scene, TextureSize, nearest};
-use crate::volume::{Solid, field};
+use crate::scene::geometry::{Geometry, TriangleMesh};
+use crate::scene::{Effects, Scene, TextureSize, nearest};
+use crate::transfer::store::Store;
+use crate::volume::{LengthUnit, Solid, field};
 use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches};
+use glam::DVec3;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
@@ -16,6 +19,9 @@ pub(super) struct SceneFile {
     pub(super) scene: Scene,
     folder: PathBuf,
 }
+
+/// An environment that sends no light.
+pub(super) const DARK: &str = "constant:0";
 
 /// Commands that take a scene.
 const COMMANDS: [&str; 3] = ["bake", "plan", "relight"];
@@ -27,6 +33,7 @@ type Written = (&'static str, String);
 pub(super) fn parse(line: Vec<OsString>) -> Result<std::result::Result<Cli, clap::Error>> {
     let is_scene = |word: &OsString| word.to_string_lossy().to_ascii_lowercase().ends_with(".toml");
     if !line.iter().any(is_scene) {
+        let line = with_light_of_store(line);
         return Ok(Cli::command().try_get_matches_from(line).and_then(|m| Cli::from_arg_matches(&m)));
     }
     // A first look, in which options that the scene will give may be missing.
@@ -56,13 +63,32 @@ pub(super) fn parse(line: Vec<OsString>) -> Result<std::result::Result<Cli, clap
     }))
 }
 
-/// Opens the volume of an argument, or of the scene that it names.
-pub(super) fn open(argument: &str, args: &VolumeArgs, scene: Option<&SceneFile>) -> Outcome<Input> {
+/// The line, with a dark environment where a store with luminaires is relit and none is given.
+fn with_light_of_store(mut line: Vec<OsString>) -> Vec<OsString> {
+    if !line.iter().any(|word| word == "relight") {
+        return line;
+    }
+    let given = Cli::command().ignore_errors(true).try_get_matches_from(&line).ok().and_then(|matches| {
+        let (name, given) = matches.subcommand()?;
+        let absent = given.try_contains_id("env").is_ok() && given.value_source("env").is_none();
+        (name == "relight" && absent).then(|| given.try_get_one::<String>("input").ok().flatten().cloned()).flatten()
+    });
+    let shines = given.filter(|input| super::info::is_store(input)).and_then(|input| Store::open(input).ok());
+    if shines.is_some_and(|store| store.identity().scene.as_ref().is_some_and(|scene| !scene.luminaires.is_empty())) {
+        line.push(format!("--env={DARK}").into());
+    }
+    line
+}
+
+/// Opens the volume of an argument, or of the scene that it names, with what stands around it and is not switched off.
+pub(super) fn open(argument: &str, args: &VolumeArgs, scene: Option<&SceneFile>, effects: &Effects) -> Outcome<Input> {
     let Some(file) = scene else { return input::open(argument, args) };
-    input::open(&file.volume(), args).map_err(|failure| match failure {
-        super::Failure::Library(error) => file.scene.at_line(file.scene.volume.line, error).into(),
+    let mut input = input::open(&file.volume(), args).map_err(|failure| match failure {
+        Failure::Library(error) => file.scene.at_line(file.scene.volume.line, error).into(),
         other => other,
-    })
+    })?;
+    input.geometry = file.geometry(&input, effects)?;
+    Ok(input)
 }
 
 impl SceneFile {
@@ -93,6 +119,53 @@ impl SceneFile {
         Ok(file)
     }
 
+    /// Walls and luminaires; `None` where there are none, or all are switched off.
+    fn geometry(&self, input: &Input, effects: &Effects) -> Outcome<Option<Geometry>> {
+        let mut surroundings = self.scene.surroundings.clone();
+        if effects.switched("walls") == Some(false) {
+            surroundings.walls.clear();
+        }
+        if effects.switched("luminaires") == Some(false) {
+            surroundings.luminaires.clear();
+            surroundings.walls.iter_mut().for_each(|wall| wall.emission = None);
+        }
+        if surroundings.is_empty() {
+            return Ok(None);
+        }
+        let metres = match input.volume.unit {
+            LengthUnit::Metres(metres) => metres,
+            LengthUnit::Unknown => 1.0,
+        };
+        let mut read = |name: &str| {
+            let path = self.folder.join(name);
+            std::fs::read(&path).map_err(|e| {
+                if e.kind() != std::io::ErrorKind::NotFound {
+                    return Error::io(&path, "read the mesh", e);
+                }
+                let remedy = "correct the path; it starts from the folder of the scene";
+                Error::argument("file", path.display(), "a mesh that exists (.obj, .ply, .gltf, .glb)", remedy)
+            })
+        };
+        let mut surface = |name: &str, isovalue: f64| {
+            let named = if matches!(field::by_name(name), Ok(None)) {
+                self.folder.join(name).display().to_string()
+            } else {
+                name.to_string()
+            };
+            let opened = input::open(&named, &VolumeArgs::default()).map_err(|failure| match failure {
+                Failure::Library(error) => error,
+                Failure::Message(found) => Error::argument("volume", found, "a volume", "correct the path"),
+            })?;
+            let mesh = crate::surface::extract(&opened.volume, isovalue)?;
+            let place = |p: &[f32; 3]| opened.volume.world_from_grid().point(DVec3::from_array(p.map(f64::from)));
+            Ok(TriangleMesh {
+                positions: mesh.positions_in_grid.iter().map(place).collect(),
+                triangles: mesh.triangles,
+            })
+        };
+        Ok(Some(surroundings.assemble(&self.scene, metres, &mut read, &mut surface)?))
+    }
+
     /// The volume as `isolume` takes it.
     fn volume(&self) -> String {
         let name = &self.scene.volume.value;
@@ -102,7 +175,12 @@ impl SceneFile {
 
     /// The environment as `isolume` takes it.
     pub(super) fn environment(&self) -> Option<String> {
-        let probe = self.scene.probe.as_ref()?;
+        let Some(probe) = self.scene.probe.as_ref() else {
+            // Luminaires are light enough.
+            let shines = !self.scene.surroundings.luminaires.is_empty()
+                || self.scene.surroundings.walls.iter().any(|wall| wall.emission.is_some());
+            return shines.then(|| DARK.to_string());
+        };
         let name = &probe.name.value;
         Some(if probe.is_file { self.folder.join(name).display().to_string() } else { name.clone() })
     }

@@ -2,6 +2,8 @@
 
 use super::light::{LightArgs, Lighting};
 use super::picture::{Background, PictureArgs, Tone, Turn};
+use super::scene_light::contracted as contracted_by;
+use super::scene_walls::{WallQuestion, Walls, in_view};
 use super::surface::Surface;
 use super::{Outcome, text};
 use crate::error::{Error, Result};
@@ -9,8 +11,9 @@ use crate::export::{Image, font};
 use crate::geom::Up;
 use crate::level::{Counts, Pyramid};
 use crate::probe::{LatLong, Orientation, Probe};
-use crate::relight::{Contracted, LookupReport, Material, contract};
-use crate::render::{Camera, Picture, Projection, RenderOptions, View, render_with_suns};
+use crate::relight::{Contracted, LookupReport, Material};
+use crate::render::{Camera, Picture, Projection, RenderOptions, View, render_among, render_with_suns};
+use crate::scene::geometry::Geometry;
 use crate::transfer::store::Store;
 use crate::volume::{LengthUnit, Volume};
 use glam::DVec3;
@@ -29,6 +32,10 @@ pub(super) struct Still<'a> {
     pub(super) probe: &'a Probe,
     pub(super) material: &'a Material,
     pub(super) exposure: f32,
+    /// What stands around the volume, where it is known.
+    pub(super) geometry: Option<&'a Geometry>,
+    /// Paths of what is seen of it.
+    pub(super) wall_rays: u32,
 }
 
 /// A picture and how it came about.
@@ -42,7 +49,7 @@ impl Still<'_> {
     /// Picture number `index` of the turntable; the only one where there is none.
     pub(super) fn frame(&self, index: u32, contracted: &Contracted, lighting: &Lighting) -> Outcome<Frame> {
         let degrees = self.args.turntable.map_or(0.0, |n| 360.0 * f64::from(index) / f64::from(n));
-        let mut view = self.args.view;
+        let mut view = self.args.seen.view;
         let mut light = self.light.clone();
         match self.args.turn {
             Turn::View => view.azimuth += degrees,
@@ -50,7 +57,8 @@ impl Still<'_> {
         }
         let anew = if self.args.turn == Turn::Light && index > 0 {
             let lighting = light.prepare(self.probe, self.up, &self.store.layout().layers, self.split)?;
-            let mut contracted = contract(self.store, &self.surface.bricks, &lighting.light, self.material)?;
+            let (bricks, factors) = (&self.surface.bricks, &light.luminaires);
+            let mut contracted = contracted_by(self.store, bricks, &lighting, self.material, factors)?;
             if lighting.certified {
                 contracted.clamp_negative();
             }
@@ -59,20 +67,16 @@ impl Still<'_> {
             None
         };
         let (contracted, lighting) = anew.as_ref().map_or((contracted, lighting), |(c, l)| (c, l));
-        let camera = self.args.camera(self.surface, self.volume, self.up, view);
-        let (width, height) = self.args.size;
+        let (width, height) = self.args.seen.size;
+        let camera = match in_view(self.geometry, self.volume) {
+            Some(bounds) => {
+                let aspect = width as f64 / height as f64;
+                Camera::framing(&bounds, self.up, view, self.args.seen.projection(), aspect)
+            }
+            None => self.args.camera(self.surface, self.volume, self.up, view),
+        };
         let options = RenderOptions { width, height, supersampling: usize::from(self.args.supersampling) };
-        let picture = render_with_suns(
-            self.volume,
-            self.pyramid,
-            self.surface.isovalue,
-            contracted,
-            &lighting.light,
-            self.material,
-            &camera,
-            &options,
-            &lighting.suns,
-        );
+        let picture = self.picture(contracted, lighting, &camera, &options)?;
         let mut image = match self.args.background {
             Background::Colour(colour) => develop(&picture, self.exposure, self.args.tone, &|_, _| colour)?,
             Background::Environment => {
@@ -86,12 +90,31 @@ impl Still<'_> {
         Ok(Frame { image, counts: picture.counts, report: picture.report })
     }
 
+    /// The surface, among the walls of its scene.
+    fn picture(
+        &self,
+        contracted: &Contracted,
+        lighting: &Lighting,
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> Result<Picture> {
+        let (volume, pyramid, isovalue, material) = (self.volume, self.pyramid, self.surface.isovalue, self.material);
+        let (light, suns) = (&lighting.light, &lighting.suns);
+        let Some(geometry) = self.geometry else {
+            return Ok(render_with_suns(volume, pyramid, isovalue, contracted, light, material, camera, options, suns));
+        };
+        let question = WallQuestion { volume, pyramid, isovalue, material, rays: self.wall_rays };
+        let walls = Walls::new(geometry, &question, camera, options, lighting, &self.light.luminaires)?;
+        let backdrop = |origin, direction, limit, pixel| walls.seen(origin, direction, limit, pixel);
+        Ok(render_among(volume, pyramid, isovalue, contracted, light, material, camera, options, &backdrop))
+    }
+
     /// The environment behind a pixel. Parallel rays would see one direction of it: behind them it is seen in
     /// perspective.
     fn sky(&self, view: View, rotation: f64) -> Result<impl Fn(usize, usize) -> [f32; 4]> {
-        let (width, height) = self.args.size;
+        let (width, height) = self.args.seen.size;
         let aspect = width as f64 / height as f64;
-        let projection = match self.args.projection() {
+        let projection = match self.args.seen.projection() {
             Projection::Orthographic => Projection::Perspective(SKY_FIELD_OF_VIEW),
             perspective => perspective,
         };
@@ -109,11 +132,11 @@ impl Still<'_> {
 
     /// A bar of a round length, with its length in words.
     fn draw_bar(&self, image: &mut Image, camera: &Camera) -> Result<()> {
-        if self.args.perspective.is_some() {
+        if self.args.seen.perspective.is_some() {
             let remedy = "leave out --perspective or the bar";
             return Err(Error::argument("--scale-bar", "with --perspective", "a parallel projection", remedy));
         }
-        let (width, height) = self.args.size;
+        let (width, height) = self.args.seen.size;
         let aspect = width as f64 / height as f64;
         let units = (camera.ray(0.0, 1.0, aspect).0 - camera.ray(0.0, -1.0, aspect).0).length() / height as f64;
         let (length, pixels) = round_length(units, width as f64 * 0.2);

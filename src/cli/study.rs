@@ -106,7 +106,7 @@ struct Baked {
 
 impl Study {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
-        let opened = super::scene::open(&self.input, &self.volume, None)?;
+        let opened = super::input::open(&self.input, &self.volume)?;
         let volume = &opened.volume;
         for note in &volume.notes {
             console.note(&note.text);

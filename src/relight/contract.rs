@@ -2,7 +2,7 @@
 
 use super::noise::{NoiseWeights, TailRadiance};
 use super::{Light, Material, Tail};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::transfer::{BRICK, BRICK_TEXELS, BrickSource, BrickView, Lattice, Layers, MAX_LAYERS, validity};
 use glam::{Vec3, Vec4};
 use half::slice::HalfFloatSliceExt;
@@ -12,12 +12,12 @@ use rayon::prelude::*;
 pub struct Contracted {
     pub(super) lattice: Lattice,
     // Brick index (x fastest) to slot, or NO_BRICK.
-    slots: Vec<u32>,
+    pub(super) slots: Vec<u32>,
     // Per slot 512 × (red, green, blue, weight); weight 1 for valid texels, 0 for others, −1 for texels
     // that were never baked.
     pub(super) radiance: Vec<[f32; 4]>,
     // Beside each the standard error of the mean of its channels.
-    stderr: Vec<f32>,
+    pub(super) stderr: Vec<f32>,
     /// Noise of the bake as it shows under this light and material, over the valid texels contracted.
     pub noise: Noise,
     /// Largest S_∞ left out by emission at albedo 1, see [`Tail::emission`]; 0 otherwise.
@@ -45,7 +45,7 @@ impl Noise {
     }
 }
 
-const NO_BRICK: u32 = u32::MAX;
+pub(super) const NO_BRICK: u32 = u32::MAX;
 
 /// The weights of one contraction.
 pub(super) struct Weights {
@@ -145,7 +145,7 @@ struct BrickTotals {
 /// Multiplies the transfer of `bricks` (ascending, as [`crate::transfer::Selection::bricks`] gives them) with a light.
 ///
 /// # Errors
-/// Those of the source.
+/// Those of the source; a texture in three channels, which belongs to a scene ([`super::contract_scene`]).
 pub fn contract(
     source: &dyn BrickSource,
     bricks: &[[usize; 3]],
@@ -153,6 +153,11 @@ pub fn contract(
     material: &Material,
 ) -> Result<Contracted> {
     let layout = source.layout();
+    if layout.layers.channels() != 1 {
+        let expected = "the grey transfer of a volume alone";
+        let remedy = "use isolume relight, which knows walls and luminaires";
+        return Err(Error::argument("texture", "the coloured transfer of a scene", expected, remedy));
+    }
     let weights = Weights::new(&layout.layers, light, material);
     let [bx, by, bz] = layout.lattice.bricks();
     let mut slots = vec![NO_BRICK; bx * by * bz];

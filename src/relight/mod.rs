@@ -16,6 +16,7 @@ mod interpolate;
 mod light;
 mod lookup;
 mod noise;
+mod scene;
 mod tail;
 mod window;
 
@@ -28,6 +29,7 @@ pub use exposure::Exposure;
 pub use interpolate::{VertexTransfer, look_up_transfer};
 pub use light::Light;
 pub use lookup::{LookupReport, SurfaceError, VertexRadiance};
+pub use scene::{LuminaireLight, contract_scene};
 pub use tail::Tail;
 pub use window::{LayerWindow, Prepared, prepare};
 

@@ -51,6 +51,25 @@ pub fn render(
     render_with_suns(volume, pyramid, isovalue, contracted, light, material, camera, options, &[])
 }
 
+/// What else a camera ray may show: from its origin and unit direction in world, a distance before which alone it counts,
+/// and the number of its pixel.
+pub type Backdrop<'a> = dyn Fn(DVec3, DVec3, f64, usize) -> Option<[f32; 3]> + Sync + 'a;
+
+/// As [`render`], among things that `backdrop` shows before or behind the level set.
+pub fn render_among(
+    volume: &Volume,
+    pyramid: &Pyramid,
+    isovalue: f64,
+    contracted: &Contracted,
+    light: &Light,
+    material: &Material,
+    camera: &Camera,
+    options: &RenderOptions,
+    backdrop: &Backdrop<'_>,
+) -> Picture {
+    picture(volume, pyramid, isovalue, contracted, light, material, camera, options, &[], Some(backdrop))
+}
+
 /// As [`render`], with the direct light of suns that were split off the environment: `light` is then the
 /// light without them, and every surface point tests their visibility by `rays` rays of each.
 pub fn render_with_suns(
@@ -64,6 +83,21 @@ pub fn render_with_suns(
     options: &RenderOptions,
     suns: &[SunLight],
 ) -> Picture {
+    picture(volume, pyramid, isovalue, contracted, light, material, camera, options, suns, None)
+}
+
+fn picture(
+    volume: &Volume,
+    pyramid: &Pyramid,
+    isovalue: f64,
+    contracted: &Contracted,
+    light: &Light,
+    material: &Material,
+    camera: &Camera,
+    options: &RenderOptions,
+    suns: &[SunLight],
+    backdrop: Option<&Backdrop<'_>>,
+) -> Picture {
     let suns: Vec<(Disk, [f32; 3])> = suns.iter().map(|s| (Disk::new(s), material.sun_factor(s.flux))).collect();
     let mut pixels = vec![[0.0; 4]; options.width * options.height];
     let totals: Vec<(Counts, LookupReport)> = with_samples!(volume.samples(), s => {
@@ -71,7 +105,7 @@ pub fn render_with_suns(
             field: LevelField::new(volume, s, pyramid),
             volume,
             isovalue: volume.raw_from_value(isovalue) as f32,
-            contracted, light, material, camera, options, suns: &suns,
+            contracted, light, material, camera, options, suns: &suns, backdrop,
             clip: clip_box(volume),
         };
         pixels.par_chunks_mut(options.width).enumerate().map(|(y, row)| scene.row(y, row)).collect()
@@ -95,6 +129,7 @@ struct Scene<'a, T> {
     options: &'a RenderOptions,
     // Each with ρ/π · flux.
     suns: &'a [(Disk, [f32; 3])],
+    backdrop: Option<&'a Backdrop<'a>>,
     clip: Bounds,
 }
 
@@ -116,7 +151,13 @@ impl<T: Sample> Scene<'_, T> {
                 let py = 1.0 - (y as f64 + ((sub / n) as f64 + 0.5) / n as f64) / height * 2.0;
                 let (origin, direction) = self.camera.ray(px, py, aspect);
                 let item = ((y * self.options.width + x) * n * n + sub) as u64;
-                if let Some(rgb) = self.shade(origin, direction, item, &mut counts, &mut report) {
+                let level = self.shade(origin, direction, item, &mut counts, &mut report);
+                let other = self.backdrop.and_then(|backdrop| {
+                    let place = |(_, in_grid): ([f32; 3], DVec3)| self.volume.world_from_grid().point(in_grid);
+                    let limit = level.map_or(f64::INFINITY, |hit| (place(hit) - origin).length());
+                    backdrop(origin, direction.normalize(), limit, y * self.options.width + x)
+                });
+                if let Some(rgb) = other.or(level.map(|(rgb, _)| rgb)) {
                     for c in 0..3 {
                         sum[c] += rgb[c];
                     }
@@ -128,6 +169,7 @@ impl<T: Sample> Scene<'_, T> {
         (counts, report)
     }
 
+    /// Radiance along a ray and where it meets the level set, in grid space.
     fn shade(
         &self,
         origin: DVec3,
@@ -135,7 +177,7 @@ impl<T: Sample> Scene<'_, T> {
         item: u64,
         counts: &mut Counts,
         report: &mut LookupReport,
-    ) -> Option<[f32; 3]> {
+    ) -> Option<([f32; 3], DVec3)> {
         let grid_from_world = self.volume.world_from_grid().inverse();
         let origin = grid_from_world.point(origin);
         let direction = grid_from_world.vector(direction).normalize();
@@ -152,7 +194,7 @@ impl<T: Sample> Scene<'_, T> {
                 let cosine = disk.towards().dot(normal).max(0.0);
                 rgb = std::array::from_fn(|c| rgb[c] + factor[c] * cosine);
             }
-            return Some(rgb.map(|v| 0.5 * v));
+            return Some((rgb.map(|v| 0.5 * v), entry));
         }
         match self.field.trace(self.isovalue, &Start::beside(at), direction.as_vec3(), counts) {
             Outcome::Hit(hit) => {
@@ -163,7 +205,7 @@ impl<T: Sample> Scene<'_, T> {
                     let lit = disk.lit_cosine(&self.field, self.isovalue, hit.at, normal.into(), item, counts);
                     rgb = std::array::from_fn(|c| rgb[c] + factor[c] * lit);
                 }
-                Some(rgb)
+                Some((rgb, hit.at.in_grid().as_dvec3()))
             }
             _ => None,
         }

@@ -37,16 +37,63 @@
 //! field_of_view = 35.0
 //! exposure = "auto"
 //! ```
+//!
+//! What stands around the volume, in its world coordinates:
+//!
+//! ```toml
+//! metres_per_unit = 1.0          # [default: as the file of the volume says, else 1]
+//!
+//! [[walls]]                      # or [[objects]], which is the same
+//! name = "room"
+//! shape = "room"                 # its six faces look inward; box, rectangle, sphere, mesh, isosurface
+//! min = [0, 0, 0]
+//! max = [1, 1, 1]
+//! albedo = 0.7                   # diffuse; or material = "mirror", reflectance = 0.9
+//! faces = { "-x" = [0.63, 0.06, 0.05] }
+//! open = ["-z"]
+//!
+//! [[objects]]
+//! shape = "sphere"
+//! centre = [0.5, 0.3, 0.5]
+//! radius = 0.1
+//! material = "glass"
+//! index = 1.5
+//!
+//! [[objects]]
+//! shape = "mesh"                 # .obj, .ply, .gltf, .glb; triangles counter-clockwise seen from the front
+//! file = "table.obj"
+//! scale = 0.01
+//! rotate = [0, 0, 1, 90]         # axis and degrees
+//! translate = [0, 0, 0.2]
+//! emission = [2, 1, 0.5]         # radiance of its front, W m⁻² sr⁻¹; then it is a luminaire too
+//!
+//! [[objects]]
+//! shape = "isosurface"           # of another volume, lit and shaded together with this one
+//! volume = "gyroid:48"
+//! isovalue = 0.5
+//! scale = 0.1
+//!
+//! [[luminaires]]
+//! name = "ceiling"
+//! shape = "rectangle"            # shines to the side of u × v; sphere, point, directional
+//! corner = [0.3, 0.0, 0.3]
+//! u = [0.0, 0.0, 0.4]
+//! v = [0.4, 0.0, 0.0]
+//! power = 90                     # watts; irradiance in W m⁻² of a directional one
+//! colour = [1.0, 0.9, 0.8]       # a factor
+//! ```
 
 mod material;
 mod read;
 mod settings;
+mod surroundings;
 
 #[cfg(test)]
 mod tests;
 
 pub use material::Albedo;
 pub use settings::{BakeDescription, CameraDescription, ProbeDescription, TextureSize};
+pub use surroundings::{Surroundings, WallDescription, WallShape};
 
 use super::EmissionRule;
 use crate::error::{Error, Result};
@@ -86,11 +133,27 @@ pub struct Scene {
     pub probe: Option<ProbeDescription>,
     /// How pictures look.
     pub camera: CameraDescription,
+    /// Walls, objects and luminaires around the volume.
+    pub surroundings: Surroundings,
     /// Files to write, as `-o` of `isolume relight` names them.
     pub outputs: Vec<Located<String>>,
 }
 
-const KEYS: [&str; 9] = ["volume", "solid", "up", "isovalues", "outputs", "material", "bake", "probe", "camera"];
+const KEYS: [&str; 13] = [
+    "volume",
+    "solid",
+    "up",
+    "isovalues",
+    "outputs",
+    "material",
+    "bake",
+    "probe",
+    "camera",
+    "metres_per_unit",
+    "walls",
+    "objects",
+    "luminaires",
+];
 const UPS: [&str; 6] = ["x", "y", "z", "-x", "-y", "-z"];
 
 impl Scene {
@@ -125,8 +188,9 @@ impl Scene {
         let bake = all.get("bake").map(|item| settings::bake(&item)).transpose()?.unwrap_or_default();
         let probe = all.get("probe").map(|item| settings::probe(&item)).transpose()?;
         let camera = all.get("camera").map(|item| settings::camera(&item)).transpose()?.unwrap_or_default();
+        let surroundings = surroundings::read(&all)?;
         let file = file.to_string();
-        Ok(Self { file, volume, solid, up, isovalues, albedo, emission, bake, probe, camera, outputs })
+        Ok(Self { file, volume, solid, up, isovalues, albedo, emission, bake, probe, camera, surroundings, outputs })
     }
 
     /// Names file and line in an error about what stands there.

@@ -24,7 +24,8 @@ fn refusal(name: &str, on: bool) -> Option<&'static str> {
     match (name, on) {
         ("shadowing" | "interreflection" | "emission", _) | ("sun-split", _) => None,
         ("colour-channels", true) => Some("grey layers serve every colour exactly: there is nothing to add"),
-        ("walls" | "luminaires" | "caustics" | "media", true) => Some("a scene cannot have it yet"),
+        ("walls" | "luminaires" | "caustics", true) => Some("it is on wherever the scene has it: describe it there"),
+        ("media", true) => Some("a scene cannot have it yet"),
         ("colour-channels" | "walls" | "luminaires" | "caustics" | "media", false) => None,
         ("bands", _) => Some("give --bands"),
         _ => Some("give --isovalues: what they do not look up is not baked"),

@@ -1,17 +1,21 @@
-//! What is to be lit: the description of a scene, materials over the isovalue, the encoding of their colours, and the
+//! What is to be lit: the description of a scene, what stands around its volume, materials over the isovalue, the encoding of their colours, and the
 //! plan of effects. Knows nothing of the insides of solvers.
 
 mod colormap;
 mod description;
 mod effects;
+pub mod geometry;
 mod material;
 mod names;
 mod plan;
 pub mod srgb;
 
 pub use colormap::Colormap;
-pub use description::{Albedo, BakeDescription, CameraDescription, Located, ProbeDescription, Scene, TextureSize};
+pub use description::{
+    Albedo, BakeDescription, CameraDescription, Located, ProbeDescription, Scene, Surroundings, TextureSize,
+    WallDescription, WallShape,
+};
 pub use effects::{EFFECTS, EffectSwitch, Effects};
 pub use material::{EmissionRule, MaterialRule, Table};
 pub use names::nearest;
-pub use plan::{Effect, Pilot, Plan, PlanInput, plan};
+pub use plan::{Effect, Pilot, Plan, PlanInput, Surrounded, plan};

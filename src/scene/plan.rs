@@ -33,6 +33,28 @@ impl Pilot {
     }
 }
 
+/// What stands around the volume, and what a trial says of its share of the work. The pilot's `escapes` are then
+/// differences of the chance to meet the level set again, so that its survival is that chance.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Surrounded {
+    /// Triangles, rectangles and spheres of all walls.
+    pub parts: u64,
+    /// Names of the luminaires.
+    pub luminaires: Vec<String>,
+    /// Whether a wall is a mirror or glass.
+    pub specular: bool,
+    /// Luminaires whose light through mirrors and glass would need photons.
+    pub needs_photons: Vec<String>,
+    /// Rays of paths, all of them.
+    pub path_rays: u64,
+    /// Those that start at walls.
+    pub wall_rays: u64,
+    /// Rays to luminaires.
+    pub light_rays: u64,
+    /// Mean chance of a path to reach the environment within the layers.
+    pub escape: f64,
+}
+
 /// What the plan is made from.
 #[derive(Clone, Debug)]
 pub struct PlanInput<'a> {
@@ -62,6 +84,8 @@ pub struct PlanInput<'a> {
     pub bytes_per_texel: u64,
     /// What the trial found.
     pub pilot: &'a Pilot,
+    /// What stands around the volume; `None` for a volume alone.
+    pub surroundings: Option<&'a Surrounded>,
 }
 
 /// One row of the plan.
@@ -111,16 +135,20 @@ pub fn plan(input: &PlanInput<'_>) -> Plan {
     } else {
         pilot.rays as f64 / pilot.paths.max(1) as f64 * f64::from(input.rays) * (1.0 - open_share(pilot))
     };
+    let rays_per_texel = match input.surroundings {
+        Some(s) => (s.path_rays + s.light_rays) as f64 / pilot.paths.max(1) as f64 * f64::from(input.rays),
+        None => rays_per_texel,
+    };
     let needed = (0..layers).find(|&k| remainder(pilot, albedo, k) <= input.tolerance).map_or(layers, |k| k + 1);
     Plan {
         effects: vec![
             shadowing(input, albedo, ignored),
             interreflection(input, albedo, needed, ignored),
-            colour_channels(),
+            colour_channels(input),
             emission(input),
-            absent("walls", "no rays", "the scene has no geometry besides the volume"),
-            absent("luminaires", "distant light alone", "the scene has no light besides its distant environment"),
-            absent("caustics", "no photons", "no part of the scene is mirror or glass, so nothing focuses light"),
+            walls(input),
+            luminaires(input),
+            caustics(input),
             absent("media", "transmittance 1", "the scene has no medium that absorbs or scatters"),
             bands(input),
             sun_split(input),
@@ -147,6 +175,9 @@ fn open_share(pilot: &Pilot) -> f64 {
 
 /// Share of the rays that are first rays. Rays of bounce k ∝ S_k.
 fn first_ray_share(input: &PlanInput<'_>) -> f64 {
+    if let Some(s) = input.surroundings {
+        return share(input.pilot.paths, s);
+    }
     let all: f64 = (0..input.bands.len()).map(|k| input.pilot.survival(k)).sum();
     if input.pilot.rays == 0 { 0.0 } else { 1.0 / all.max(1.0) }
 }
@@ -202,7 +233,13 @@ fn shadowing(input: &PlanInput<'_>, albedo: f64, ignored: bool) -> Effect {
             1.0 - blocked,
             pilot.valid,
             100.0 * blocked,
-            if always { "proofs are switched off".into() } else { format!("{:.1} % are proven open", 100.0 * open) }
+            if always {
+                "proofs are switched off".into()
+            } else if input.surroundings.is_some() {
+                "among walls every texel is traced".into()
+            } else {
+                format!("{:.1} % are proven open", 100.0 * open)
+            }
         );
     } else {
         row.reason = format!(
@@ -223,7 +260,11 @@ fn interreflection(input: &PlanInput<'_>, albedo: f64, needed: usize, ignored: b
         setting: format!("{layers} layers, {} bounces", layers - 1),
         error: Some(dropped),
         estimated: true,
-        cost_share: if input.pilot.rays == 0 { 0.0 } else { 1.0 - first_ray_share(input) },
+        cost_share: match input.surroundings {
+            Some(s) => share(s.path_rays.saturating_sub(s.wall_rays + input.pilot.paths), s),
+            None if input.pilot.rays == 0 => 0.0,
+            None => 1.0 - first_ray_share(input),
+        },
         ..absent("interreflection", "", "")
     };
     row.reason = if albedo == 0.0 {
@@ -249,9 +290,82 @@ fn interreflection(input: &PlanInput<'_>, albedo: f64, needed: usize, ignored: b
     row
 }
 
-fn colour_channels() -> Effect {
-    let reason = "no wall or luminaire has a colour: one grey transfer serves every albedo exactly";
-    absent("colour-channels", "grey layers", reason)
+fn colour_channels(input: &PlanInput<'_>) -> Effect {
+    if input.surroundings.is_none() {
+        let reason = "no wall or luminaire has a colour: one grey transfer serves every albedo exactly";
+        return absent("colour-channels", "grey layers", reason);
+    }
+    let reason =
+        "walls and luminaires have colours of their own; the albedo of the level set stays free for relighting";
+    Effect { on: true, ..absent("colour-channels", "red, green and blue layers", reason) }
+}
+
+/// What was switched off, as the reason of a row.
+fn switched_off(name: &'static str, setting: &str, reason: &str) -> Effect {
+    absent(name, setting, &format!("switched off: {reason}"))
+}
+
+fn walls(input: &PlanInput<'_>) -> Effect {
+    if input.effects.switched("walls") == Some(false) {
+        return switched_off(
+            "walls",
+            "no rays",
+            "walls and objects of the scene are left out as if they were not there",
+        );
+    }
+    match input.surroundings.filter(|s| s.parts > 0) {
+        None => absent("walls", "no rays", "the scene has no geometry besides the volume"),
+        Some(s) => Effect {
+            on: true,
+            estimated: true,
+            cost_share: share(s.wall_rays, s),
+            ..absent(
+                "walls",
+                &format!("{} parts, any number of reflections", s.parts),
+                &format!("the scene has them; {:.1} % of the paths reach the environment", 100.0 * s.escape),
+            )
+        },
+    }
+}
+
+fn luminaires(input: &PlanInput<'_>) -> Effect {
+    if input.effects.switched("luminaires") == Some(false) {
+        return switched_off("luminaires", "distant light alone", "luminaires and walls that shine are dark");
+    }
+    match input.surroundings.filter(|s| !s.luminaires.is_empty()) {
+        None => absent("luminaires", "distant light alone", "the scene has no light besides its distant environment"),
+        Some(s) => Effect {
+            on: true,
+            estimated: true,
+            cost_share: share(s.light_rays, s),
+            ..absent(
+                "luminaires",
+                &format!("{}: one texture each, one ray each at every turn", s.luminaires.join(", ")),
+                "their power is chosen at relight (--luminaire NAME=FACTOR) without rays",
+            )
+        },
+    }
+}
+
+fn caustics(input: &PlanInput<'_>) -> Effect {
+    let Some(s) = input.surroundings.filter(|s| s.specular) else {
+        return absent("caustics", "no photons", "no part of the scene is mirror or glass, so nothing focuses light");
+    };
+    if input.effects.switched("caustics") == Some(false) {
+        let reason = "light of luminaires that mirrors and glass send to diffuse surfaces is left out";
+        return switched_off("caustics", "no photons", reason);
+    }
+    let reason = if s.needs_photons.is_empty() {
+        "mirrors or glass and diffuse surfaces see each other; luminaires with an area are met by the paths, with more noise"
+            .into()
+    } else {
+        format!("{} would need photons, which are not built: the bake refuses", s.needs_photons.join(", "))
+    };
+    Effect { on: true, ..absent("caustics", "by paths, no photons", &reason) }
+}
+
+fn share(rays: u64, s: &Surrounded) -> f64 {
+    rays as f64 / (s.path_rays + s.light_rays).max(1) as f64
 }
 
 fn emission(input: &PlanInput<'_>) -> Effect {
@@ -274,7 +388,10 @@ fn emission(input: &PlanInput<'_>) -> Effect {
 fn bands(input: &PlanInput<'_>) -> Effect {
     let coefficients = input.bands.iter().map(|b| b * b).sum::<usize>();
     let setting = format!("{:?} bands a layer, {coefficients} coefficients", input.bands);
-    let reason = "the environment is chosen at relight, which stops at the highest band that carries energy";
+    let reason = match input.surroundings {
+        Some(s) if s.escape == 0.0 => "no path of the trial reached the environment: --bands 1 saves space",
+        _ => "the environment is chosen at relight, which stops at the highest band that carries energy",
+    };
     Effect { on: true, ..absent("bands", &setting, reason) }
 }
 

@@ -148,7 +148,7 @@ impl Study<'_> {
     }
 
     fn exact(&self, lattice: Lattice, layers: &Layers) -> Result<Exact> {
-        let seed = key(self.seed, 0x65_7861_6374);
+        let seed = key(self.seed, 0x0065_7861_6374);
         let settings = Settings { layers: layers.clone(), rays: self.texel_rays, seed, target: None, positive: false };
         self.texels(&Layout { lattice, layers: layers.clone() }, &settings)
     }

@@ -15,12 +15,19 @@
 //! bricks = 32³ texels, the unit of writing. Inside a brick x runs fastest. Bricks at the far
 //! edges are full size; texels beyond the lattice are never read.
 //!
+//! # Scenes
+//! Where a volume stands among walls and luminaires, transfer has three channels ([`Layers::coloured`]): T_k is the
+//! light that the level set reflected k times and coloured walls any number of times. Each luminaire has a texture of
+//! its own, [`Group`]: one band a layer, whose number is the radiance that arrives, not a coefficient.
+//!
 //! A texel that was not baked holds NaN in all coefficients, one without a usable normal holds 0.
 
+mod group;
 mod selection;
 pub mod store;
 pub mod texture;
 
+pub use group::Group;
 pub use selection::Selection;
 pub use texture::MemoryTexture;
 
@@ -141,6 +148,7 @@ impl Lattice {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Layers {
     bands: Vec<usize>, // Invariant: 1…MAX_LAYERS entries, each in 1…sh::MAX_BANDS.
+    channels: usize,   // Invariant: 1 (grey) or 3 (red, green, blue).
 }
 
 impl Layers {
@@ -152,7 +160,7 @@ impl Layers {
         let legal =
             (1..=MAX_LAYERS).contains(&bands.len()) && bands.iter().all(|b| (1..=crate::sh::MAX_BANDS).contains(b));
         if legal {
-            Ok(Self { bands })
+            Ok(Self { bands, channels: 1 })
         } else {
             Err(Error::argument(
                 "bands",
@@ -169,6 +177,18 @@ impl Layers {
     /// As [`Layers::new`].
     pub fn uniform(layers: usize, bands: usize) -> Result<Self> {
         Self::new(vec![bands; layers.min(MAX_LAYERS + 1)])
+    }
+
+    /// The same layers in red, green and blue, for scenes whose walls or luminaires have colours. A layer then holds
+    /// its bands² red coefficients, then the green ones, then the blue ones.
+    #[must_use]
+    pub fn coloured(self) -> Self {
+        Self { channels: 3, ..self }
+    }
+
+    /// Colour channels: 1 where transfer is grey, else 3.
+    pub fn channels(&self) -> usize {
+        self.channels
     }
 
     /// Bands of each layer.
@@ -191,9 +211,9 @@ impl Layers {
         self.bands.iter().copied().max().unwrap_or(1)
     }
 
-    /// Coefficients of one texel: Σ bands².
+    /// Coefficients of one texel: channels · Σ bands².
     pub fn coefficients(&self) -> usize {
-        self.bands.iter().map(|b| b * b).sum()
+        self.channels * self.bands.iter().map(|b| b * b).sum::<usize>()
     }
 
     /// Entries of the standard error of one texel: Σ bands, one a layer and band.
@@ -203,7 +223,7 @@ impl Layers {
 
     /// Where layer `k` starts in a texel's coefficients.
     pub fn offset(&self, k: usize) -> usize {
-        self.bands[..k].iter().map(|b| b * b).sum()
+        self.channels * self.bands[..k].iter().map(|b| b * b).sum::<usize>()
     }
 
     /// Where layer `k` starts in a texel's standard errors.

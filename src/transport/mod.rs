@@ -18,6 +18,7 @@ mod open;
 mod path;
 pub mod photon;
 mod replay;
+mod scene_path;
 mod summary;
 
 #[cfg(test)]
@@ -32,6 +33,10 @@ pub use photon::{
     PhotonMap, PhotonSearch, PhotonSettings, photon_bake, photon_direct,
 };
 pub use replay::{ReplayedPath, replay};
+pub use scene_path::{
+    GroupBricks, PowerBalance, SceneBake, SceneCounts, SceneReference, SceneSettings, SceneSummary, bake_scene,
+    needs_photons, pilot_scene, scene_radiance, trace_photons,
+};
 pub use summary::{ErrorHistogram, Summary};
 
 /// Independent scrambles of each texel's points; error bars come from their spread.

@@ -135,6 +135,16 @@ impl Summary {
         1.0 - self.mean_escapes().iter().take(k).sum::<f64>()
     }
 
+    /// The most that layers beyond the stored ones can add to the radiance, over the brightest light, in the mean over the
+    /// valid texels: ρ^(K+2) S_(K+1), K the last stored layer. It becomes an equality as ρ → 1 where all light gets out in
+    /// the end. Its standard error is that of the mean of Σ_k a_k, as texels are independent.
+    pub fn bound(&self, albedo: f64) -> (f64, f64) {
+        let layers = self.offsets.len();
+        let power = (0..layers + 1).fold(1.0, |power, _| power * albedo);
+        let error = self.escape_variance.sqrt() / self.valid.max(1) as f64;
+        (power * self.mean_survival(layers).max(0.0), power * error)
+    }
+
     /// Root mean square over the valid texels of the standard error of Σ_k a_k.
     pub fn escape_stderr_rms(&self) -> f64 {
         (self.escape_variance / self.valid.max(1) as f64).sqrt()

@@ -2,9 +2,11 @@
 
 mod goal;
 mod report;
+mod scene;
 mod todo;
 
 pub(super) use goal::{ForLight, Goal, parse_time, spread};
+pub(super) use scene::layout as layout_of_scene;
 
 use super::console::{Console, interrupts};
 use super::scene::SceneFile;
@@ -12,12 +14,14 @@ use super::{Failure, Outcome, options};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::relight::texels_of_isosurface;
-use crate::scene;
+use crate::scene as scenes;
 use crate::scene::Effects;
+use crate::scene::geometry::Geometry;
 use crate::transfer::store::{ChunkExtent, Identity, Store};
 use crate::transfer::{Brick, Lattice, Layout, Selection};
 use crate::transport::{
-    Bake, Bias, GatherSettings, PhotonBake, Progress, Settings, Summary, Target, bake, gather, photon_bake, pilot,
+    Bake, Bias, GatherSettings, PhotonBake, Progress, SceneSummary, Settings, Summary, Target, bake, gather,
+    photon_bake, pilot,
 };
 use crate::volume::{Shadowing, Volume};
 use serde_json::{Value, json};
@@ -51,6 +55,8 @@ pub(super) struct Job<'a> {
     pub(super) start: Instant,
     pub(super) effects: &'a Effects,
     pub(super) hints: Hints,
+    /// What stands around the volume; then the layout is coloured.
+    pub(super) geometry: Option<&'a Geometry>,
 }
 
 /// What is known before relighting of what it will ask for; it decides nothing but the plan.
@@ -128,10 +134,14 @@ pub(super) struct Report {
     /// The standard error that texels had to reach.
     pub(super) error: Option<f64>,
     pub(super) goal: Value,
+    /// Largest albedo that is known before relighting.
+    pub(super) albedo: Option<f32>,
     /// The plan, where it was asked for.
-    pub(super) plan: Option<scene::Plan>,
+    pub(super) plan: Option<scenes::Plan>,
     /// Of the estimator `gather`.
     pub(super) bias: Option<Bias>,
+    /// Of a scene with walls or luminaires.
+    pub(super) scene: Option<SceneSummary>,
     pub(super) prepare: Duration,
     pub(super) trace: Duration,
     pub(super) write: Duration,
@@ -140,12 +150,18 @@ pub(super) struct Report {
 impl Job<'_> {
     /// What decides the store's numbers.
     pub(super) fn identity(&self) -> Identity {
-        Identity::new(self.volume, &self.layout, self.estimator_name(), self.settings.positive, self.settings.seed)
+        let (positive, seed) = (self.settings.positive, self.settings.seed);
+        let identity = Identity::new(self.volume, &self.layout, self.estimator_name(), positive, seed);
+        Identity { scene: self.geometry.map(|geometry| self.scene_identity(geometry)), ..identity }
     }
 
     /// The estimator as it stands in stores. The texels of `gather` depend on their neighbours, so which isosurfaces
     /// are baked together is part of its name.
     fn estimator_name(&self) -> String {
+        if self.geometry.is_some() {
+            let off = self.effects.switched("caustics") == Some(false);
+            return format!("path among walls{}", if off { "; caustics left out" } else { "" });
+        }
         let shadows = match self.volume.shadowing {
             Shadowing::Ignored => "; shadowing ignored",
             Shadowing::Traced => "; every texel traced",
@@ -218,7 +234,13 @@ impl Job<'_> {
     /// Refuses what does not fit into the memory allowed.
     pub(super) fn check_memory(&self) -> Result<()> {
         let needed = options::bake_bytes(self.volume, &self.layout, self.isovalues.as_ref().map_or(1, Vec::len));
+        let groups = self.geometry.map_or(0, |geometry| scene::bytes_of_groups(&self.layout.layers, geometry));
+        // 16 chunks of 32³ texels are held.
+        let needed = needed + groups * (16 << 15);
         options::check_memory(&format!("the bake of {}", self.label), needed, self.memory_limit)?;
+        if let Some(geometry) = self.geometry {
+            self.check_scene(geometry)?;
+        }
         if self.estimator != Estimator::Path && (self.goal.error.is_some() || self.goal.time.is_some()) {
             let remedy = "leave out --error and --time, or use the estimator path";
             let name = if self.estimator == Estimator::Gather { "gather" } else { "photon" };
@@ -233,7 +255,7 @@ impl Job<'_> {
     }
 
     /// The plan of effects, from a trial of a few texels.
-    pub(super) fn plan(&self, pyramid: &Pyramid) -> Result<scene::Plan> {
+    pub(super) fn plan(&self, pyramid: &Pyramid) -> Result<scenes::Plan> {
         self.plan_of(pyramid, &self.selection(), self.isovalues.as_deref(), self.settings.rays, self.hints)
     }
 
@@ -244,20 +266,17 @@ impl Job<'_> {
         isovalues: Option<&[f64]>,
         rays: u32,
         hints: Hints,
-    ) -> Result<scene::Plan> {
-        let settings = Settings { rays: PILOT_RAYS, target: None, ..self.settings.clone() };
+    ) -> Result<scenes::Plan> {
         let (volume, layout) = (self.volume, &self.layout);
-        let trial = pilot(&Bake { volume, pyramid, layout, settings: &settings, selection }, PILOT_TEXELS)?;
-        let pilot = scene::Pilot {
-            texels: trial.texels,
-            valid: trial.valid,
-            paths: trial.paths,
-            rays: trial.counts.rays,
-            escapes: trial.mean_escapes(),
-            lost_share: trial.lost_share(),
-            open: trial.open,
+        let (pilot, surroundings) = match self.geometry {
+            Some(geometry) => {
+                let (pilot, surrounded) = self.plan_of_scene(geometry, pyramid, selection)?;
+                (pilot, Some(surrounded))
+            }
+            None => (self.pilot_of_volume(pyramid, selection)?, None),
         };
-        Ok(scene::plan(&scene::PlanInput {
+        let groups = self.geometry.map_or(0, |geometry| scene::bytes_of_groups(&layout.layers, geometry));
+        Ok(scenes::plan(&scenes::PlanInput {
             texels: layout.lattice.texels().iter().map(|&m| m as u64).product(),
             selected: selection.len(),
             isovalues,
@@ -265,13 +284,29 @@ impl Job<'_> {
             bands: layout.layers.bands(),
             albedo: hints.albedo,
             emission: hints.emission,
-            convex: volume.is_convex(),
+            convex: volume.is_convex() && self.geometry.is_none(),
             effects: self.effects,
             sun_split: hints.sun_split,
             tolerance: TOLERANCE,
-            bytes_per_texel: options::texel_bytes(&layout.layers),
+            bytes_per_texel: options::texel_bytes(&layout.layers) + groups,
             pilot: &pilot,
+            surroundings: surroundings.as_ref(),
         }))
+    }
+
+    fn pilot_of_volume(&self, pyramid: &Pyramid, selection: &Selection) -> Result<scenes::Pilot> {
+        let settings = Settings { rays: PILOT_RAYS, target: None, ..self.settings.clone() };
+        let (volume, layout) = (self.volume, &self.layout);
+        let trial = pilot(&Bake { volume, pyramid, layout, settings: &settings, selection }, PILOT_TEXELS)?;
+        Ok(scenes::Pilot {
+            texels: trial.texels,
+            valid: trial.valid,
+            paths: trial.paths,
+            rays: trial.counts.rays,
+            escapes: trial.mean_escapes(),
+            lost_share: trial.lost_share(),
+            open: trial.open,
+        })
     }
 
     /// How the store was made. Nothing in it depends on the machine, the threads or the clock, nor on what may grow
@@ -292,7 +327,7 @@ pub(super) fn fill(job: &Job<'_>, path: &Path, console: &Console) -> Outcome<(St
     job.check_memory()?;
     let pyramid = Pyramid::new(job.volume);
     let provenance = if path.symlink_metadata().is_ok() { Value::Null } else { job.provenance(&pyramid)? };
-    let mut report = Report::default();
+    let mut report = Report { albedo: job.hints.albedo, ..Report::default() };
     if job.hints.shown {
         let plan = job.plan(&pyramid)?;
         console.print(super::plan::table(&plan));
@@ -366,6 +401,9 @@ fn bake_part(
     progress: &Progress,
     report: &mut Report,
 ) -> Result<()> {
+    if let Some(geometry) = job.geometry {
+        return scene::bake_part(job, geometry, pyramid, store, settings, part, progress, report);
+    }
     let request = Bake { volume: job.volume, pyramid, layout: &job.layout, settings, selection: &part.selection };
     let present = |chunk: [usize; 3]| Ok(store.read_chunk(chunk)?.map(|(bricks, _)| bricks));
     let (mut write, mut baked) = (Duration::ZERO, 0);

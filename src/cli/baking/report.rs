@@ -38,6 +38,7 @@ impl Report {
                 ),
             ),
             ("effects", self.effects_line()),
+            ("bound", self.bound_line()),
             (
                 "paths",
                 format!(
@@ -80,20 +81,63 @@ impl Report {
         ];
         let mut rows: Vec<_> = rows.into_iter().map(|(name, value)| vec![name.to_string(), value]).collect();
         if let Some(bias) = &self.bias {
-            rows.insert(6, vec!["bias".into(), bias_line(bias)]);
+            rows.insert(7, vec!["bias".into(), bias_line(bias)]);
         }
         text::table(&rows)
+    }
+
+    /// The albedo that the bound is stated for.
+    fn albedo(&self) -> f64 {
+        f64::from(self.albedo.unwrap_or(0.7))
+    }
+
+    /// What layers beyond the stored ones can add, known now.
+    fn bound_line(&self) -> String {
+        let albedo = self.albedo();
+        let (bound, error) = match &self.scene {
+            Some(scene) => (scene.bound(albedo), String::new()),
+            None => {
+                let (bound, error) = self.summary.bound(albedo);
+                (bound, format!(" ± {}", text::percent(error)))
+            }
+        };
+        format!(
+            "at albedo {albedo:.2} layers beyond the stored ones add at most {}{error} of the brightest light, in the mean; \
+             the tail puts an estimate of it in",
+            text::percent(bound)
+        )
+    }
+
+    fn bound_json(&self) -> Value {
+        let albedo = self.albedo();
+        let (bound, error) = match &self.scene {
+            Some(scene) => (scene.bound(albedo), None),
+            None => (self.summary.bound(albedo).0, Some(self.summary.bound(albedo).1)),
+        };
+        json!({ "albedo": albedo, "bound": bound, "stderr": error })
     }
 
     /// First rays of all paths, and the rays that came after: bounces, and with `gather` what fills and checks its cache.
     fn rays_by_effect(&self) -> [u64; 2] {
         let s = &self.summary;
-        [s.paths, s.counts.rays.saturating_sub(s.paths)]
+        match &self.scene {
+            Some(scene) => [s.paths, scene.counts.path_rays.saturating_sub(s.paths + scene.counts.wall_rays_started())],
+            None => [s.paths, s.counts.rays.saturating_sub(s.paths)],
+        }
     }
 
     fn effects_line(&self) -> String {
         let [first, later] = self.rays_by_effect().map(|n| text::metric(n as f64));
         let s = &self.summary;
+        if let Some(scene) = &self.scene {
+            let [walls, lights] =
+                [scene.counts.wall_rays_started(), scene.counts.light_rays].map(|n| text::metric(n as f64));
+            return format!(
+                "shadowing {first}rays, interreflection {later}rays, walls {walls}rays, luminaires {lights}rays; {} paths \
+                 ended on a cut through the solid",
+                text::count(scene.counts.cut)
+            );
+        }
         let open = s.open as f64 / s.valid.max(1) as f64;
         format!(
             "shadowing {}rays, interreflection {}rays; {} texels cannot be shaded ({}): closed form, no rays",
@@ -104,19 +148,20 @@ impl Report {
         )
     }
 
-    /// Work by effect. What this program cannot simulate yet has counters all the same: they are 0.
+    /// Work by effect. What is off has counters all the same: they are 0.
     fn effects_json(&self) -> Value {
         let [first, later] = self.rays_by_effect();
         let s = &self.summary;
         // Where texels stop at an error, nobody knows how many they would have got.
+        let counts = self.scene.as_ref().map(|scene| scene.counts).unwrap_or_default();
         let saved = self.error.is_none().then(|| s.open * u64::from(self.rays));
         json!({
             "shadowing": { "rays": first, "open_texels": s.open, "first_rays_saved": saved },
             "interreflection": { "rays": later },
             "emission": { "rays": 0 },
-            "walls": { "rays": 0 },
-            "luminaires": { "rays": 0 },
-            "caustics": { "photons": 0 },
+            "walls": { "rays": counts.wall_rays_started(), "hits": counts.wall_hits, "tests": counts.wall_rays },
+            "luminaires": { "rays": counts.light_rays, "hits": counts.luminaire_hits },
+            "caustics": { "photons": 0, "specular_hits": counts.specular_hits },
             "media": { "rays": 0 },
             "sun-split": { "rays": 0 },
         })
@@ -131,6 +176,7 @@ impl Report {
             "effects": self.effects_json(),
             "plan": self.plan.as_ref().map(|plan| &plan.effects),
             "rays_per_texel": self.rays,
+            "bound": self.bound_json(),
             "error_target": self.error,
             "goal": self.goal,
             "counts": { "nodes": s.counts.nodes, "cells": s.counts.cells, "solves": s.counts.solves },

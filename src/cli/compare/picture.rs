@@ -16,6 +16,9 @@ use crate::transport::{DirectSettings, SurfacePoint, direct};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
+/// Behind the surface: a dark grey, on which white stands out.
+const BACKGROUND: [f32; 4] = [0.025, 0.03, 0.037, 1.0];
+
 /// Which pictures to write.
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Pictures")]
@@ -27,7 +30,7 @@ pub(super) struct PictureOutput {
     #[arg(long, value_name = "FILE.glb")]
     glb: Option<PathBuf>,
     #[command(flatten)]
-    picture: picture::PictureArgs,
+    seen: picture::ViewArgs,
     /// Difference that shows in full colour, such as 10%, over the mean radiance [default: what 98 % of it is below]
     #[arg(long, value_name = "E", value_parser = parse_scale)]
     scale: Option<f64>,
@@ -104,9 +107,9 @@ impl PictureOutput {
         photons: Option<&PhotonQuestion>,
         mean: f64,
     ) -> Outcome {
-        let (width, height) = self.picture.size;
+        let (width, height) = self.seen.size;
         picture::check_size((3 * width, height), None)?;
-        let (view, projection) = (self.picture.view, self.picture.projection());
+        let (view, projection) = (self.seen.view, self.seen.projection());
         let camera = surface.camera(q.volume, q.volume.up, view, projection, width as f64 / height as f64);
         let seen = seen_points(q.volume, q.pyramid, q.isovalue, &camera, width, height);
         let found = differences(q, &seen.iter().flatten().map(point_of).collect::<Vec<_>>(), photons, mean)?;
@@ -116,7 +119,7 @@ impl PictureOutput {
             let mut next = colours.iter();
             let pixels = seen.iter().map(|seen| match seen.and_then(|_| next.next()) {
                 Some(&[r, g, b]) => [r, g, b, 1.0],
-                None => self.picture.background,
+                None => BACKGROUND,
             });
             Image::new(width, height, pixels.collect())
         };

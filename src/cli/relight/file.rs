@@ -4,6 +4,7 @@ use super::Relight;
 use super::report::finite;
 use crate::cli::light::Lighting;
 use crate::cli::output::{Format, Target};
+use crate::cli::scene_light::contracted;
 use crate::cli::still::Still;
 use crate::cli::surface::Surface;
 use crate::cli::{Failure, Outcome, info, relightable, text};
@@ -12,8 +13,9 @@ use crate::export::{Image, atomic, gltf, ply, png};
 use crate::geom::Up;
 use crate::level::{Counts, Pyramid};
 use crate::probe::Probe;
-use crate::relight::{Contracted, Exposure, LookupReport, Material, SurfaceError, contract};
+use crate::relight::{Contracted, Exposure, LookupReport, Material, SurfaceError};
 use crate::render::sun_visibility;
+use crate::scene::geometry::Geometry;
 use crate::scene::{EmissionRule, MaterialRule};
 use crate::transfer::store::Store;
 use crate::volume::Volume;
@@ -80,6 +82,8 @@ pub(super) struct Context<'a> {
     pub(super) up: Up,
     /// What to type to bake an isovalue that is missing.
     pub(super) bake_hint: String,
+    /// What stands around the volume, where it is known.
+    pub(super) geometry: Option<&'a Geometry>,
 }
 
 impl Context<'_> {
@@ -91,7 +95,7 @@ impl Context<'_> {
         let material = Material::new(self.rule.albedo(isovalue), self.emission.at(isovalue))?;
         let mut times = Times::default();
         let start = Instant::now();
-        let mut contracted = contract(self.store, &surface.bricks, light, &material)?;
+        let mut contracted = contracted(self.store, &surface.bricks, &lighting, &material, &c.light.luminaires)?;
         let mut notes = lighting.notes.clone();
         if lighting.certified {
             let clamped = contracted.clamp_negative();
@@ -208,7 +212,13 @@ impl Context<'_> {
             probe,
             material,
             exposure: written.exposure,
+            geometry: self.geometry,
+            wall_rays: self.command.transfer.rays.unwrap_or(64),
         };
+        if self.geometry.is_none() && self.store.identity().scene.is_some() {
+            let note = "the store does not hold the walls: relight the scene file to see them in pictures";
+            written.notes.push(note.into());
+        }
         let options = png::PngOptions {
             alpha: args.background.is_transparent(),
             software: Some(concat!("isolume ", env!("CARGO_PKG_VERSION")).into()),

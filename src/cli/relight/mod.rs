@@ -135,7 +135,7 @@ impl Relight {
             let source = Source { store, transport_rays: 0 };
             return work.light(&source, Vec::new());
         }
-        let mut opened = super::scene::open(&self.input, &self.volume, self.scene.as_ref())?;
+        let mut opened = super::scene::open(&self.input, &self.volume, self.scene.as_ref(), &self.transfer.effects())?;
         self.transfer.switch_shadows(&mut opened.volume);
         for note in &opened.volume.notes {
             console.note(&note.text);
@@ -146,7 +146,8 @@ impl Relight {
             resolved.map_err(|e| options::in_scene(e, self.scene.as_ref(), i))
         };
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
-        let work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
+        let mut work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
+        work.geometry = opened.geometry.as_ref();
         work.bake_and_light(&opened.label, seed)
     }
 

@@ -14,6 +14,7 @@ use crate::error::Error;
 use crate::geom::Up;
 use crate::level::Pyramid;
 use crate::probe::Probe;
+use crate::scene::geometry::Geometry;
 use crate::scene::{Effects, EmissionRule, MaterialRule};
 use crate::transfer::store::Store;
 use crate::transfer::{Lattice, Layout};
@@ -45,6 +46,8 @@ pub(super) struct Work<'a> {
     /// What reading and preparing took.
     read_time: Duration,
     console: &'a Console,
+    /// What stands around the volume, where it is known.
+    pub(super) geometry: Option<&'a Geometry>,
 }
 
 impl<'a> Work<'a> {
@@ -63,7 +66,7 @@ impl<'a> Work<'a> {
         }
         let files = all_targets(command, volume, &isovalues, &environments)?;
         if files.iter().flatten().any(|f| f.format == Format::Png) {
-            check_size(command.picture.size, command.transfer.memory_limit)?;
+            check_size(command.picture.seen.size, command.transfer.memory_limit)?;
         }
         for c in chosen {
             if let Some(reason) = &c.reason {
@@ -89,6 +92,7 @@ impl<'a> Work<'a> {
             start,
             read_time,
             console,
+            geometry: None,
         })
     }
 
@@ -103,6 +107,7 @@ impl<'a> Work<'a> {
             emission: &self.emission,
             up: self.up,
             bake_hint: self.command.input.clone(),
+            geometry: self.geometry,
         };
         self.command.output.iter().try_for_each(|output| make_folder(output))?;
         let mut surfaces = Vec::new();
@@ -126,7 +131,7 @@ impl<'a> Work<'a> {
     pub(super) fn bake_and_light(&self, label: &str, seed: u64) -> Outcome<Relit> {
         let transfer = &self.command.transfer;
         let bands = self.command.scene.as_ref().and_then(SceneFile::bands).unwrap_or(vec![5]);
-        let layout = transfer.layout(self.volume, &bands)?;
+        let layout = baking::layout_of_scene(transfer.layout(self.volume, &bands)?, self.geometry);
         let settings = transfer.settings(&layout, seed, false);
         let job = Job {
             volume: self.volume,
@@ -141,6 +146,7 @@ impl<'a> Work<'a> {
             start: self.start,
             effects: &self.effects,
             hints: Hints::default(),
+            geometry: self.geometry,
         };
         job.check_memory()?;
         let folder = self.command.cache_folder()?;

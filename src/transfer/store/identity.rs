@@ -1,6 +1,6 @@
 //! What a store was baked from and how: the part that must not differ when a bake goes on.
 
-use super::super::{Lattice, Layers, Layout};
+use super::super::{Group, Lattice, Layers, Layout};
 use super::zarr::{FORMAT, METADATA_REMEDY};
 use crate::error::{Error, Result};
 use crate::volume::{Solid, Volume};
@@ -33,6 +33,21 @@ pub struct Identity {
     pub positive: bool,
     /// Seed of all random numbers.
     pub seed: u64,
+    /// The walls and luminaires around the volume; none for a volume alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene: Option<SceneIdentity>,
+}
+
+/// Walls and luminaires as an identity names them.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneIdentity {
+    /// BLAKE3 of all that decides what they do to light.
+    pub fingerprint: String,
+    /// Names of the luminaires, each of which has a group of its own.
+    pub luminaires: Vec<String>,
+    /// One a luminaire: its texture holds G_k / 2^exponent.
+    pub exponents: Vec<i32>,
 }
 
 impl Identity {
@@ -48,7 +63,15 @@ impl Identity {
             estimator: estimator.into(),
             positive,
             seed,
+            scene: None,
         }
+    }
+
+    /// The groups of its store, the environment first.
+    pub fn groups(&self) -> Vec<Group> {
+        let Some(scene) = &self.scene else { return vec![Group::Environment] };
+        let luminaires = scene.luminaires.iter().map(|name| Group::Luminaire(name.clone()));
+        [Group::Environment, Group::Emission].into_iter().chain(luminaires).collect()
     }
 
     /// Lattice and layers.
@@ -65,7 +88,23 @@ impl Identity {
                 METADATA_REMEDY,
             ));
         }
-        Ok(Layout { lattice: Lattice::from_texels(self.grid, self.texels)?, layers: Layers::new(self.bands.clone())? })
+        let legal =
+            |name: &String| !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
+        if let Some(bad) = self.scene.iter().flat_map(|scene| &scene.luminaires).find(|name| !legal(name)) {
+            let expected = "names of luminaires made of letters, digits, - and _";
+            return Err(Error::format(FORMAT, format!("the luminaire {bad:?}"), expected, METADATA_REMEDY));
+        }
+        if let Some(scene) = self
+            .scene
+            .as_ref()
+            .filter(|s| s.exponents.len() != s.luminaires.len() || s.exponents.iter().any(|e| e.unsigned_abs() > 1100))
+        {
+            let found = format!("exponents {:?} of {} luminaires", scene.exponents, scene.luminaires.len());
+            return Err(Error::format(FORMAT, found, "one exponent of at most 1100 for each", METADATA_REMEDY));
+        }
+        let layers = Layers::new(self.bands.clone())?;
+        let layers = if self.scene.is_some() { layers.coloured() } else { layers };
+        Ok(Layout { lattice: Lattice::from_texels(self.grid, self.texels)?, layers })
     }
 
     /// BLAKE3 of the identity written as JSON, in hexadecimal digits.
@@ -88,6 +127,8 @@ impl Identity {
                 ("estimator", i.estimator.clone()),
                 ("positive", i.positive.to_string()),
                 ("seed", i.seed.to_string()),
+                ("scene", i.scene.as_ref().map_or("a volume alone".into(), |s| s.fingerprint.clone())),
+                ("luminaires", i.scene.as_ref().map_or("none".into(), |s| s.luminaires.join(", "))),
             ]
         };
         let pairs = fields(self).into_iter().zip(fields(other));

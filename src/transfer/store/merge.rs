@@ -21,6 +21,11 @@ impl Store {
     /// When the identities differ, a chunk of either is damaged, or the system refuses.
     pub fn take_from(&self, other: &Self) -> Result<MergeReport> {
         other.identity.check(&self.identity, other.path())?;
+        let is_whole = self.env.ends_with("/env");
+        for group in self.identity.groups().iter().skip(1).filter(|_| is_whole) {
+            // Those first: a chunk counts as there when the environment's is.
+            self.group(group)?.take_from(&other.group(group)?)?;
+        }
         let [cx, cy, cz] = self.layout.lattice.chunks();
         let mut report = MergeReport::default();
         for c in 0..cx * cy * cz {

@@ -11,6 +11,8 @@
 //!     rays        uint32  [z, y, x]                paths traced
 //!     extent/z.y.x.json             how far each chunk was baked (not part of Zarr)
 //!     allocation.json               what a bake in a given time decided, if there was one (not part of Zarr)
+//! transfer/<name>/emission          of scenes: the level set's own light; arrays as in `env`
+//! transfer/<name>/luminaire.<n>     of scenes: that of each luminaire
 //! ```
 //!
 //! # Why by hand and not the crate `zarrs`
@@ -56,11 +58,11 @@ mod tests;
 pub use diagnose::{Diagnosis, diagnose};
 pub use extent::{Baked, ChunkExtent, ErrorTarget};
 pub use holdings::Holdings;
-pub use identity::{FORMAT_VERSION, Identity};
+pub use identity::{FORMAT_VERSION, Identity, SceneIdentity};
 pub use lock::StoreLock;
 pub use merge::MergeReport;
 
-use super::Layout;
+use super::{Group, Layout};
 use crate::error::{Error, Result};
 use crate::volume::Volume;
 use backing::Backing;
@@ -86,12 +88,18 @@ const HARMONICS: &str = "real, orthonormal spherical harmonics in world axes wit
 const MEANING: &str = "exitant radiance of the Lambertian level set through a texel under L(w) = sum_i L_i Y_i(w) is \
     sum_k albedo^(k+1) <T_k, L>; layer k of the last axis of `transfer` starts at layers[k].offset";
 
+/// Stated in stores of scenes.
+const MEANING_OF_CHANNELS: &str = "each layer holds its bands^2 red coefficients, then green, then blue";
+/// Stated in the groups of luminaires.
+const MEANING_OF_GROUPS: &str = "the level set of albedo rho sends out sum_k rho^(k+1) G_k in W m-2 sr-1 on behalf of \
+    this group; the last axis of `transfer` is 3 k + channel (red, green, blue)";
+
 /// A store, open for reading and writing.
 #[derive(Debug)]
 pub struct Store {
     backing: Backing,
     identity: Identity,
-    layout: Layout, // Invariant: identity.layout().
+    layout: Layout, // Invariant: identity.layout(), or that of a group.
     provenance: Value,
     /// Key of the transfer group.
     env: String,
@@ -214,6 +222,36 @@ impl Store {
             .in_file(self.backing.name(&self.data)));
         }
         Ok(volume)
+    }
+
+    /// The texture of a group, as a store of its own that shares the files; its chunks are written and read apart.
+    ///
+    /// # Errors
+    /// When the store has no such group, or its metadata are damaged.
+    pub fn group(&self, group: &Group) -> Result<Self> {
+        if !self.identity.groups().contains(group) {
+            let held: Vec<String> = self.identity.groups().iter().map(Group::node).collect();
+            let remedy = "bake the scene that has it";
+            return Err(Error::argument("group", group.node(), format!("one of {}", held.join(", ")), remedy));
+        }
+        let backing = Backing::open(self.backing.path())?;
+        let layout = group.layout(&self.layout)?;
+        let folder = self.env.rsplit_once('/').map_or("", |(folder, _)| folder);
+        let env = format!("{folder}/{}", group.node());
+        for (name, array) in arrays(&layout) {
+            let key = format!("{env}/{name}/zarr.json");
+            array.check(&required_json(&backing, &key)?).map_err(|e| e.in_file(backing.name(&key)))?;
+        }
+        Ok(Self {
+            backing,
+            identity: self.identity.clone(),
+            provenance: self.provenance.clone(),
+            chunks: std::iter::repeat_with(OnceLock::new).take(self.chunks.len()).collect(),
+            data: self.data.clone(),
+            sync: self.sync,
+            layout,
+            env,
+        })
     }
 
     /// What was baked and how.
@@ -358,7 +396,7 @@ fn write_skeleton(
         })
     };
     let step = std::array::from_fn(|axis| layout.lattice.step(axis));
-    let attributes = sealed(json!({
+    let mut attributes = json!({
         "identity": identity,
         "identity_blake3": identity.hash(),
         "layers": (0..layers.len()).map(layer).collect::<Vec<_>>(),
@@ -366,7 +404,11 @@ fn write_skeleton(
         "meaning": MEANING,
         "world_from_texel": volume::rows(volume.world_from_grid(), step),
         "provenance": provenance,
-    }));
+    });
+    if layers.channels() != 1 {
+        attributes["channels"] = json!(MEANING_OF_CHANNELS);
+    }
+    let attributes = sealed(attributes);
     let mut nodes = vec![
         ("volumes".into(), zarr::group(json!({}))),
         (format!("volumes/{node}"), zarr::group(json!({}))),
@@ -377,6 +419,14 @@ fn write_skeleton(
     ];
     for (name, array) in arrays(layout) {
         nodes.push((format!("transfer/{node}/env/{name}"), array.metadata(json!({}))));
+    }
+    for group in identity.groups().iter().skip(1) {
+        let place = format!("transfer/{node}/{}", group.node());
+        let attributes = sealed(json!({ "identity_blake3": identity.hash(), "meaning": MEANING_OF_GROUPS }));
+        nodes.push((place.clone(), zarr::group(attributes)));
+        for (name, array) in arrays(&group.layout(layout)?) {
+            nodes.push((format!("{place}/{name}"), array.metadata(json!({}))));
+        }
     }
     let about = json!({ "format_version": FORMAT_VERSION, "volume": node });
     let mut root = zarr::group(sealed(json!({ "isolume": about })));
@@ -491,7 +541,7 @@ fn check_chunks(layout: &Layout) -> Result<usize> {
 fn check_volume(volume: &Volume, identity: &Identity) -> Result<()> {
     let layout = identity.layout()?;
     let here = Identity::new(volume, &layout, &identity.estimator, identity.positive, identity.seed);
-    let here = Identity { grid: volume.dims(), ..here };
+    let here = Identity { grid: volume.dims(), scene: identity.scene.clone(), ..here };
     match identity.first_difference(&here) {
         None => Ok(()),
         Some((field, given, expected)) => Err(Error::argument(

@@ -1,0 +1,391 @@
+//! The sections `[[walls]]`, `[[objects]]` (another word for the same) and `[[luminaires]]`.
+
+use super::read::{Item, Section};
+use super::{Located, Scene};
+use crate::error::{Error, Result};
+use crate::scene::geometry::{Finish, Geometry, Luminaire, LuminaireShape, Shape, TriangleMesh, Wall, read_mesh};
+use glam::{DMat3, DVec3};
+
+/// What stands around the volume, as described.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Surroundings {
+    /// Walls and objects.
+    pub walls: Vec<WallDescription>,
+    /// Luminaires, without those that are walls.
+    pub luminaires: Vec<Located<Luminaire>>,
+    /// Metres of a world unit, where the scene says so.
+    pub metres_per_unit: Option<f64>,
+}
+
+/// A wall or an object; a room is one for each of its faces.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WallDescription {
+    /// Its name and line.
+    pub name: Located<String>,
+    /// Its shape, or the file of a mesh and where that stands.
+    pub shape: WallShape,
+    /// What it does to light.
+    pub finish: Finish,
+    /// Radiance of its front in W m⁻² sr⁻¹.
+    pub emission: Option<[f64; 3]>,
+}
+
+/// A shape, or where to find it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum WallShape {
+    /// A shape in world coordinates.
+    Ready(Shape),
+    /// Triangles of a file.
+    Mesh {
+        /// Path from the folder of the scene, and its line.
+        file: Located<String>,
+        /// Linear part of the map to world.
+        world_from_mesh: DMat3,
+        /// Where the origin of the mesh comes to stand.
+        translate: DVec3,
+    },
+    /// An isosurface of another volume, as triangles.
+    Isosurface {
+        /// A path from the folder of the scene or the name of a field, and its line.
+        volume: Located<String>,
+        /// In the values of that volume.
+        isovalue: f64,
+        /// Where the origin of that volume's world comes to stand.
+        translate: DVec3,
+        /// Factor on that volume's world.
+        scale: f64,
+    },
+}
+
+impl Surroundings {
+    /// Whether there is nothing.
+    pub fn is_empty(&self) -> bool {
+        self.walls.is_empty() && self.luminaires.is_empty()
+    }
+
+    /// Walls and luminaires ready for rays. `metres_per_unit` is that of the volume, which counts where the scene says
+    /// nothing; `read` reads a file from the folder of the scene, `surface` makes the triangles of another volume.
+    ///
+    /// # Errors
+    /// When a file cannot be read or is no mesh (naming the line), or as [`Geometry::new`].
+    pub fn assemble(
+        &self,
+        scene: &Scene,
+        metres_per_unit: f64,
+        read: &mut dyn FnMut(&str) -> Result<Vec<u8>>,
+        surface: &mut dyn FnMut(&str, f64) -> Result<TriangleMesh>,
+    ) -> Result<Geometry> {
+        let mut walls = Vec::new();
+        let mut luminaires: Vec<Luminaire> = self.luminaires.iter().map(|l| l.value.clone()).collect();
+        for wall in &self.walls {
+            let shape = match &wall.shape {
+                WallShape::Ready(shape) => shape.clone(),
+                WallShape::Mesh { file, world_from_mesh, translate } => {
+                    let bytes = read(&file.value).map_err(|e| scene.at_line(file.line, e))?;
+                    let folder = file.value.rsplit_once('/').map_or("", |(folder, _)| folder);
+                    let mut beside =
+                        |name: &str| read(&if folder.is_empty() { name.into() } else { format!("{folder}/{name}") });
+                    let mesh = read_mesh(&bytes, &mut beside)
+                        .map_err(|e| scene.at_line(file.line, e.in_file(file.value.clone())))?;
+                    let place = |corners: [DVec3; 3]| corners.map(|p| *world_from_mesh * p + *translate);
+                    let corners = mesh.corners().map(place);
+                    // A mirror image turns fronts to backs.
+                    let turned = world_from_mesh.determinant() < 0.0;
+                    Shape::Triangles(corners.map(|[a, b, c]| if turned { [a, c, b] } else { [a, b, c] }).collect())
+                }
+                WallShape::Isosurface { volume, isovalue, translate, scale } => {
+                    let mesh = surface(&volume.value, *isovalue).map_err(|e| scene.at_line(volume.line, e))?;
+                    Shape::Triangles(mesh.corners().map(|t| t.map(|p| *scale * p + *translate)).collect())
+                }
+            };
+            if let Some(power) = wall.emission {
+                let shape = LuminaireShape::Wall(wall.name.value.clone());
+                luminaires.push(Luminaire { name: wall.name.value.clone(), shape, power });
+            }
+            walls.push(Wall { name: wall.name.value.clone(), shape, finish: wall.finish });
+        }
+        let metres = self.metres_per_unit.unwrap_or(metres_per_unit);
+        Geometry::new(walls, luminaires, metres)
+    }
+}
+
+const FACES: [&str; 6] = ["-x", "+x", "-y", "+y", "-z", "+z"];
+const SHAPES: [&str; 6] = ["room", "box", "rectangle", "sphere", "mesh", "isosurface"];
+const LIGHTS: [&str; 4] = ["rectangle", "sphere", "point", "directional"];
+const COMMON: [&str; 7] = ["name", "shape", "material", "albedo", "reflectance", "index", "emission"];
+
+pub(super) fn read(all: &Section<'_>) -> Result<Surroundings> {
+    let mut out = Surroundings::default();
+    if let Some(item) = all.get("metres_per_unit") {
+        let metres = item.number()?;
+        if metres <= 0.0 {
+            return Err(item.refuse("metres of a world unit, above 0", "write 0.001 for millimetres"));
+        }
+        out.metres_per_unit = Some(metres);
+    }
+    for key in ["walls", "objects"] {
+        let Some(item) = all.get(key) else { continue };
+        let list = item.list().ok_or_else(|| item.refuse("tables", format!("write [[{key}]] on a line of its own")))?;
+        for (i, item) in list.iter().enumerate() {
+            wall(item, &format!("{}{}", key.trim_end_matches('s'), i + 1), &mut out.walls)?;
+        }
+    }
+    if let Some(item) = all.get("luminaires") {
+        let list = item.list().ok_or_else(|| item.refuse("tables", "write [[luminaires]] on a line of its own"))?;
+        for (i, item) in list.iter().enumerate() {
+            out.luminaires.push(luminaire(item, &format!("light{}", i + 1))?);
+        }
+    }
+    let names = out.walls.iter().filter(|w| w.emission.is_some()).map(|w| &w.name);
+    let names: Vec<&str> =
+        names.map(|n| n.value.as_str()).chain(out.luminaires.iter().map(|l| l.value.name.as_str())).collect();
+    if let Some(twice) = (1..names.len()).find(|&i| names[..i].contains(&names[i])) {
+        let item = all.get("luminaires").or_else(|| all.get("walls")).or_else(|| all.get("objects"));
+        let remedy = "give each luminaire and each wall that shines a name of its own";
+        return Err(item.map_or_else(
+            || Error::argument("luminaires", names[twice], "different names", remedy),
+            |item| item.refuse(format!("different names; two are {}", names[twice]), remedy),
+        ));
+    }
+    Ok(out)
+}
+
+/// The name of a wall or luminaire: letters, digits, - and _.
+fn name(section: &Section<'_>, item: &Item<'_>, otherwise: &str) -> Result<Located<String>> {
+    let Some(given) = section.get("name") else {
+        return Ok(Located { value: otherwise.into(), line: item.line() });
+    };
+    let text = given.text()?;
+    let legal = !text.is_empty() && text.len() <= 64;
+    if !(legal && text.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c))) {
+        return Err(given.refuse("a name of letters, digits, - and _", "write name = \"ceiling\""));
+    }
+    Ok(Located { value: text.into(), line: given.line() })
+}
+
+fn vector(item: &Item<'_>) -> Result<DVec3> {
+    let list = item.list().unwrap_or_default();
+    let numbers = list.iter().map(Item::number).collect::<Result<Vec<_>>>()?;
+    match numbers[..] {
+        [x, y, z] => Ok(DVec3::new(x, y, z)),
+        _ => Err(item.refuse("three numbers [x, y, z]", "coordinates are in the world of the volume")),
+    }
+}
+
+/// A key that must be there.
+fn required<'a>(section: &Section<'a>, of: &Item<'_>, key: &str, remedy: &str) -> Result<Item<'a>> {
+    section.get(key).ok_or_else(|| of.refuse(format!("the key `{key}`"), remedy))
+}
+
+/// One number or three, in 0..=most.
+fn colour(item: &Item<'_>, most: f64, expected: &str, remedy: &str) -> Result<[f64; 3]> {
+    let numbers = item.one_or_more()?.iter().map(Item::number).collect::<Result<Vec<_>>>()?;
+    let colour = match numbers[..] {
+        [one] => [one; 3],
+        [r, g, b] => [r, g, b],
+        _ => return Err(item.refuse("one number or three", "write 0.7 or [0.7, 0.6, 0.5]")),
+    };
+    if colour.iter().all(|v| (0.0..=most).contains(v)) { Ok(colour) } else { Err(item.refuse(expected, remedy)) }
+}
+
+fn share(item: &Item<'_>) -> Result<[f32; 3]> {
+    let remedy = "a surface cannot reflect more than it receives";
+    Ok(colour(item, 1.0, "shares from 0 to 1", remedy)?.map(|v| v as f32))
+}
+
+fn wall(item: &Item<'_>, otherwise: &str, out: &mut Vec<WallDescription>) -> Result<()> {
+    // The shape decides which keys there are; a first look takes all of them.
+    let every: Vec<&str> = COMMON
+        .into_iter()
+        .chain(["min", "max", "faces", "open", "corner", "u", "v", "centre", "radius"])
+        .chain(["file", "scale", "translate", "rotate", "volume", "isovalue"])
+        .collect();
+    let shape = required(&item.section(&every)?, item, "shape", "write shape = \"room\"")?.word(&SHAPES)?;
+    let own: &[&str] = match shape {
+        "room" => &["min", "max", "faces", "open"],
+        "box" => &["min", "max"],
+        "rectangle" => &["corner", "u", "v"],
+        "sphere" => &["centre", "radius"],
+        "mesh" => &["file", "scale", "translate", "rotate"],
+        _ => &["volume", "isovalue", "scale", "translate"],
+    };
+    let known: Vec<&str> = COMMON.iter().chain(own).copied().collect();
+    let section = item.section(&known)?;
+    let name = name(&section, item, otherwise)?;
+    let finish = finish(&section)?;
+    let emission = section
+        .get("emission")
+        .map(|e| colour(&e, 1e30, "radiances that are not negative", "give W m⁻² sr⁻¹"))
+        .transpose()?
+        .filter(|e| *e != [0.0; 3]);
+    let get = |key: &str| required(&section, item, key, &format!("a {shape} has {}", own.join(", ")));
+    let mut add = |name: String, shape: WallShape, finish: Finish| {
+        let name = Located { value: name, line: item.line() };
+        out.push(WallDescription { name, shape, finish, emission });
+    };
+    let shape = match shape {
+        "room" | "box" => {
+            let (min, max) = (vector(&get("min")?)?, vector(&get("max")?)?);
+            if !(max - min).cmpgt(DVec3::ZERO).all() {
+                return Err(get("max")?.refuse("a corner above `min` along every axis", "exchange min and max"));
+            }
+            let is_room = shape == "room";
+            let (of_faces, open) = if is_room { faces(&section)? } else { ([None; 6], [false; 6]) };
+            for (i, face) in Shape::faces_of_box(min, max, is_room).into_iter().enumerate() {
+                if open[i] {
+                    continue;
+                }
+                let finish = of_faces[i].map_or(finish, Finish::Diffuse);
+                let sign = ["x0", "x1", "y0", "y1", "z0", "z1"][i];
+                add(format!("{}-{sign}", name.value), WallShape::Ready(face), finish);
+            }
+            return Ok(());
+        }
+        "rectangle" => {
+            Shape::Rectangle { corner: vector(&get("corner")?)?, u: vector(&get("u")?)?, v: vector(&get("v")?)? }
+        }
+        "sphere" => Shape::Sphere { centre: vector(&get("centre")?)?, radius: get("radius")?.number()? },
+        "mesh" => {
+            let file = get("file")?;
+            let file = Located { value: file.text()?.to_string(), line: file.line() };
+            let world_from_mesh = rotation(&section)? * scale(&section)?;
+            let translate = section.get("translate").map(|t| vector(&t)).transpose()?.unwrap_or(DVec3::ZERO);
+            add(name.value, WallShape::Mesh { file, world_from_mesh, translate }, finish);
+            return Ok(());
+        }
+        _ => {
+            let volume = get("volume")?;
+            let volume = Located { value: volume.text()?.to_string(), line: volume.line() };
+            let isovalue = get("isovalue")?.number()?;
+            let translate = section.get("translate").map(|t| vector(&t)).transpose()?.unwrap_or(DVec3::ZERO);
+            add(name.value, WallShape::Isosurface { volume, isovalue, translate, scale: scale(&section)? }, finish);
+            return Ok(());
+        }
+    };
+    let alone = Wall { name: name.value.clone(), shape: shape.clone(), finish };
+    Geometry::new(vec![alone], Vec::new(), 1.0).map_err(|e| refusal(item, e))?;
+    add(name.value, WallShape::Ready(shape), finish);
+    Ok(())
+}
+
+/// What a checking constructor found, at the line of the table.
+fn refusal(item: &Item<'_>, error: Error) -> Error {
+    match error {
+        Error::Argument { given, expected, remedy, .. } => item.refuse(format!("{expected} (found {given})"), remedy),
+        other => other,
+    }
+}
+
+fn finish(section: &Section<'_>) -> Result<Finish> {
+    const MATERIALS: [&str; 3] = ["diffuse", "mirror", "glass"];
+    let material = section.get("material").map(|m| m.word(&MATERIALS)).transpose()?.unwrap_or("diffuse");
+    for (key, of) in [("albedo", "diffuse"), ("reflectance", "mirror"), ("index", "glass")] {
+        if let Some(item) = section.get(key).filter(|_| material != of) {
+            return Err(
+                item.refuse(format!("no such key for material = \"{material}\""), format!("it belongs to {of}"))
+            );
+        }
+    }
+    let of = |key: &str, otherwise: [f32; 3]| section.get(key).map_or(Ok(otherwise), |item| share(&item));
+    Ok(match material {
+        "mirror" => Finish::Mirror(of("reflectance", [1.0; 3])?),
+        "glass" => {
+            let Some(item) = section.get("index") else { return Ok(Finish::Glass(1.5)) };
+            let index = item.number()?;
+            if !(1.0..=10.0).contains(&index) {
+                return Err(item.refuse("an index of refraction from 1 to 10", "glass has 1.5, water 1.33"));
+            }
+            Finish::Glass(index)
+        }
+        _ => Finish::Diffuse(of("albedo", [0.7; 3])?),
+    })
+}
+
+/// Of each face of a room, where it has its own.
+type AlbedosOfFaces = [Option<[f32; 3]>; 6];
+
+/// Albedos of the faces of a room, and which are open.
+fn faces(section: &Section<'_>) -> Result<(AlbedosOfFaces, [bool; 6])> {
+    let (mut albedos, mut open) = ([None; 6], [false; 6]);
+    if let Some(item) = section.get("faces") {
+        let table = item.section(&FACES)?;
+        for (i, face) in FACES.iter().enumerate() {
+            albedos[i] = table.get(face).map(|item| share(&item)).transpose()?;
+        }
+    }
+    for item in section.get("open").map_or(Ok(Vec::new()), |item| item.one_or_more())? {
+        let face = item.word(&FACES)?;
+        (0..6).filter(|&i| FACES[i] == face).for_each(|i| open[i] = true);
+    }
+    Ok((albedos, open))
+}
+
+fn scale(section: &Section<'_>) -> Result<f64> {
+    let Some(item) = section.get("scale") else { return Ok(1.0) };
+    let scale = item.number()?;
+    if scale == 0.0 { Err(item.refuse("a number other than 0", "1 leaves the size as it is")) } else { Ok(scale) }
+}
+
+/// `rotate = [x, y, z, degrees]`, by Rodrigues' formula.
+fn rotation(section: &Section<'_>) -> Result<DMat3> {
+    let Some(item) = section.get("rotate") else { return Ok(DMat3::IDENTITY) };
+    let refuse = || item.refuse("an axis and an angle [x, y, z, degrees]", "write [0, 0, 1, 90]");
+    let numbers = item.list().unwrap_or_default().iter().map(Item::number).collect::<Result<Vec<_>>>()?;
+    let [x, y, z, degrees] = numbers[..] else { return Err(refuse()) };
+    let axis = DVec3::new(x, y, z).try_normalize().ok_or_else(refuse)?;
+    let (sine, cosine) = libm::sincos(degrees.to_radians());
+    let turned = |v: DVec3| v * cosine + axis.cross(v) * sine + axis * axis.dot(v) * (1.0 - cosine);
+    Ok(DMat3::from_cols(turned(DVec3::X), turned(DVec3::Y), turned(DVec3::Z)))
+}
+
+fn luminaire(item: &Item<'_>, otherwise: &str) -> Result<Located<Luminaire>> {
+    const ALL: [&str; 12] = [
+        "name",
+        "shape",
+        "power",
+        "irradiance",
+        "colour",
+        "corner",
+        "u",
+        "v",
+        "centre",
+        "radius",
+        "position",
+        "direction",
+    ];
+    let shape = required(&item.section(&ALL)?, item, "shape", "write shape = \"rectangle\"")?.word(&LIGHTS)?;
+    let own: &[&str] = match shape {
+        "rectangle" => &["power", "corner", "u", "v"],
+        "sphere" => &["power", "centre", "radius"],
+        "point" => &["power", "position"],
+        _ => &["irradiance", "direction"],
+    };
+    let known: Vec<&str> = ["name", "shape", "colour"].iter().chain(own).copied().collect();
+    let section = item.section(&known)?;
+    let name = name(&section, item, otherwise)?;
+    let get = |key: &str| required(&section, item, key, &format!("a {shape} luminaire has {}", own.join(", ")));
+    let strength = get(own[0])?;
+    let power = colour(&strength, 1e30, "numbers that are not negative", "give watts, or W m⁻² of a directional one")?;
+    let tint = section.get("colour").map(|c| colour(&c, 1e30, "numbers that are not negative", "1 is white"));
+    let tint = tint.transpose()?.unwrap_or([1.0; 3]);
+    let power = std::array::from_fn(|c| power[c] * tint[c]);
+    let shape = match shape {
+        "rectangle" => LuminaireShape::Rectangle {
+            corner: vector(&get("corner")?)?,
+            u: vector(&get("u")?)?,
+            v: vector(&get("v")?)?,
+        },
+        "sphere" => LuminaireShape::Sphere { centre: vector(&get("centre")?)?, radius: get("radius")?.number()? },
+        "point" => LuminaireShape::Point { position: vector(&get("position")?)? },
+        // As written: where the light goes.
+        _ => {
+            let towards = (-vector(&get("direction")?)?).try_normalize();
+            let towards =
+                towards.ok_or_else(|| item.refuse("a direction of a length above 0", "[0, 0, -1] is light from +z"))?;
+            LuminaireShape::Directional { towards }
+        }
+    };
+    let value = Luminaire { name: name.value, shape, power };
+    Geometry::new(Vec::new(), vec![value.clone()], 1.0).map_err(|e| refusal(item, e))?;
+    Ok(Located { value, line: item.line() })
+}

@@ -1,0 +1,320 @@
+//! How light leaves luminaires: samples towards a point, their density, and rays that meet a luminaire.
+
+use super::primitive::{Flat, Primitive, sphere};
+use super::{Geometry, Luminaire, LuminaireShape, TOUCHING};
+use crate::error::{Error, Result};
+use glam::DVec3;
+use std::f64::consts::PI;
+
+/// A luminaire ready for sampling.
+#[derive(Clone, Debug)]
+pub(super) struct Emitter {
+    body: Body,
+    // Radiance; for a point radiant intensity in W sr⁻¹ over (metres per unit)², for parallel light irradiance.
+    pub(super) strength: [f64; 3],
+}
+
+#[derive(Clone, Debug)]
+enum Body {
+    // One or more parts by their area: cumulative share up to each, and the whole area.
+    Parts { parts: Vec<Primitive>, upto: Vec<f64>, area: f64, is_wall: bool },
+    Sphere { centre: DVec3, radius: f64 },
+    Point { position: DVec3 },
+    Directional { towards: DVec3 },
+}
+
+/// Light of one luminaire that would arrive at a point, if nothing is between.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ArrivingLight {
+    /// Unit vector to the light.
+    pub direction: DVec3,
+    /// How far, infinite for parallel light.
+    pub distance: f64,
+    /// Radiance over density: times cosine/π it is an estimate of what a white surface sends out.
+    pub value: [f64; 3],
+    /// Density of the direction per steradian; `None` where no other technique could find it (points, parallel light).
+    pub density: Option<f64>,
+}
+
+/// A ray that met a luminaire.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightHit {
+    /// Which.
+    pub luminaire: usize,
+    /// How far.
+    pub distance: f64,
+    /// What it shows: black on its back.
+    pub radiance: [f64; 3],
+}
+
+impl Emitter {
+    pub(super) fn new(luminaire: &Luminaire, of_wall: Vec<Primitive>, metres_per_unit: f64) -> Result<Self> {
+        let name = format!("the luminaire {}", luminaire.name);
+        let refuse = |found: String, expected: &str, remedy: &str| Err(Error::argument(&name, found, expected, remedy));
+        if !luminaire.power.iter().all(|p| p.is_finite() && *p >= 0.0) {
+            let remedy = "give watts, one number or three";
+            return refuse(format!("power {:?}", luminaire.power), "finite numbers that are not negative", remedy);
+        }
+        let square_metres = metres_per_unit * metres_per_unit;
+        let expected = "a finite area above 0";
+        Ok(match &luminaire.shape {
+            LuminaireShape::Rectangle { corner, u, v } => {
+                let Some(flat) = Flat::new(*corner, *u, *v) else {
+                    let found = format!("edges {u} and {v}, area {}", u.cross(*v).length());
+                    return refuse(found, expected, "give two edges that span an area");
+                };
+                // Φ = π A L for a diffuse source.
+                let strength = luminaire.power.map(|p| p / (PI * flat.area * square_metres));
+                Self { body: Body::of_parts(vec![Primitive::Rectangle(flat)], false), strength }
+            }
+            LuminaireShape::Sphere { centre, radius } => {
+                if !(centre.is_finite() && radius.is_finite() && *radius > 0.0) {
+                    return refuse(
+                        format!("radius {radius}"),
+                        expected,
+                        "give a positive radius, or shape = \"point\"",
+                    );
+                }
+                let area = 4.0 * PI * radius * radius * square_metres;
+                let strength = luminaire.power.map(|p| p / (PI * area));
+                Self { body: Body::Sphere { centre: *centre, radius: *radius }, strength }
+            }
+            LuminaireShape::Point { position } => {
+                if !position.is_finite() {
+                    return refuse(position.to_string(), "a finite position", "correct the position");
+                }
+                let strength = luminaire.power.map(|p| p / (4.0 * PI * square_metres));
+                Self { body: Body::Point { position: *position }, strength }
+            }
+            LuminaireShape::Directional { towards } => {
+                let towards = towards.normalize_or_zero();
+                if towards == DVec3::ZERO {
+                    return refuse("no direction".into(), "a direction of a length above 0", "correct the direction");
+                }
+                Self { body: Body::Directional { towards }, strength: luminaire.power }
+            }
+            LuminaireShape::Wall(wall) => {
+                if of_wall.is_empty() {
+                    return refuse(format!("the wall {wall}"), "a wall of the scene", "correct the name");
+                }
+                Self { body: Body::of_parts(of_wall, true), strength: luminaire.power }
+            }
+        })
+    }
+
+    /// Smallest and largest corner of its box, if it has one.
+    pub(super) fn bounds(&self) -> Option<[DVec3; 2]> {
+        match &self.body {
+            Body::Parts { parts, .. } => {
+                parts.iter().map(Primitive::bounds).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+            }
+            Body::Sphere { centre, radius } => Some([*centre - *radius, *centre + *radius]),
+            _ => None,
+        }
+    }
+
+    /// Distance and radiance of its own body (walls that shine are met as walls).
+    fn meet(&self, origin: DVec3, direction: DVec3) -> Option<(f64, [f64; 3])> {
+        match &self.body {
+            Body::Parts { parts, is_wall: false, .. } => {
+                let t = parts[0].distance(origin, direction, false).filter(|t| *t > 0.0)?;
+                let front = parts[0].normal(origin).dot(direction) < 0.0;
+                Some((t, if front { self.strength } else { [0.0; 3] }))
+            }
+            Body::Sphere { centre, radius } => {
+                let t = sphere(*centre, *radius, origin, direction, false)?;
+                let outside = (origin - *centre).length_squared() > radius * radius;
+                Some((t, if outside { self.strength } else { [0.0; 3] }))
+            }
+            _ => None,
+        }
+    }
+
+    fn arriving(&self, at: DVec3, u: [f32; 2]) -> Option<ArrivingLight> {
+        if self.strength == [0.0; 3] {
+            return None;
+        }
+        match &self.body {
+            Body::Parts { parts, upto, area, .. } => {
+                let u = u.map(f64::from);
+                let i = upto.partition_point(|share| *share <= u[0]).min(parts.len() - 1);
+                let before = if i == 0 { 0.0 } else { upto[i - 1] };
+                let within = ((u[0] - before) / (upto[i] - before).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+                let point = parts[i].point([within, u[1]]);
+                let normal = parts[i].normal(point);
+                let (distance, direction) = towards(at, point)?;
+                let cosine = -normal.dot(direction);
+                if cosine <= 0.0 {
+                    return None;
+                }
+                let density = distance * distance / (area * cosine);
+                Some(ArrivingLight {
+                    direction,
+                    distance,
+                    value: self.strength.map(|l| l / density),
+                    density: Some(density),
+                })
+            }
+            Body::Sphere { centre, radius } => {
+                let (far, axis) = towards(at, *centre)?;
+                let cap = cap_height(far, *radius)?;
+                // Uniform in the cone of the sphere: height z = 1 − u·cap about the axis.
+                let z = 1.0 - f64::from(u[0]) * cap;
+                let across = (1.0 - z * z).max(0.0).sqrt();
+                let (sine, cosine) = libm::sincos(2.0 * PI * f64::from(u[1]));
+                let tangent = axis.any_orthonormal_vector();
+                let direction = (z * axis + across * (cosine * tangent + sine * axis.cross(tangent))).normalize();
+                let distance =
+                    sphere(*centre, *radius, at, direction, false).unwrap_or((far * far - radius * radius).sqrt());
+                let density = 1.0 / (2.0 * PI * cap);
+                Some(ArrivingLight {
+                    direction,
+                    distance,
+                    value: self.strength.map(|l| l / density),
+                    density: Some(density),
+                })
+            }
+            Body::Point { position } => {
+                let (distance, direction) = towards(at, *position)?;
+                let value = self.strength.map(|i| i / (distance * distance));
+                Some(ArrivingLight { direction, distance, value, density: None })
+            }
+            Body::Directional { towards } => Some(ArrivingLight {
+                direction: *towards,
+                distance: f64::INFINITY,
+                value: self.strength,
+                density: None,
+            }),
+        }
+    }
+
+    /// Density per steradian with which [`Self::arriving`] draws the direction of a ray that met it at `distance`, at
+    /// an angle of this cosine to its normal.
+    fn density(&self, at: DVec3, distance: f64, cosine: f64) -> f64 {
+        match &self.body {
+            Body::Parts { area, .. } => distance * distance / (area * cosine.max(f64::MIN_POSITIVE)),
+            Body::Sphere { centre, radius } => {
+                cap_height((*centre - at).length(), *radius).map_or(0.0, |cap| 1.0 / (2.0 * PI * cap))
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// A ray of a photon: origin, direction, and whether it exists; of density cosine/(π A) where there is an area.
+    pub(super) fn leaving(&self, place: [f32; 2], local: DVec3) -> Option<(DVec3, DVec3)> {
+        let leave = |point: DVec3, normal: DVec3| {
+            let tangent = normal.any_orthonormal_vector();
+            (point, local.x * tangent + local.y * normal.cross(tangent) + local.z * normal)
+        };
+        match &self.body {
+            Body::Parts { parts, upto, .. } => {
+                let u = place.map(f64::from);
+                let i = upto.partition_point(|share| *share <= u[0]).min(parts.len() - 1);
+                let before = if i == 0 { 0.0 } else { upto[i - 1] };
+                let within = ((u[0] - before) / (upto[i] - before).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+                let point = parts[i].point([within, u[1]]);
+                Some(leave(point, parts[i].normal(point)))
+            }
+            Body::Sphere { centre, radius } => {
+                let primitive = Primitive::Sphere { centre: *centre, radius: *radius };
+                let point = primitive.point(place.map(f64::from));
+                Some(leave(point, primitive.normal(point)))
+            }
+            Body::Point { position } => Some((
+                *position,
+                crate::sampling::warp::square_to_uniform_sphere(place).as_dvec3().normalize_or(DVec3::Z),
+            )),
+            Body::Directional { .. } => None,
+        }
+    }
+}
+
+impl Body {
+    fn of_parts(parts: Vec<Primitive>, is_wall: bool) -> Self {
+        let area: f64 = parts.iter().map(Primitive::area).sum();
+        let mut sum = 0.0;
+        let share = |p: &Primitive| {
+            sum += p.area() / area;
+            sum
+        };
+        let upto = parts.iter().map(share).collect();
+        Self::Parts { parts, upto, area, is_wall }
+    }
+}
+
+/// Distance and unit vector from one point to another; `None` where they coincide.
+fn towards(from: DVec3, to: DVec3) -> Option<(f64, DVec3)> {
+    let way = to - from;
+    let distance = way.length();
+    (distance > 0.0).then(|| (distance, way / distance))
+}
+
+/// 1 − cos of the half angle of the cone of a sphere, exact for small ones; `None` inside.
+fn cap_height(distance: f64, radius: f64) -> Option<f64> {
+    let sine = radius / distance;
+    let square = sine * sine;
+    (square < 1.0).then(|| square / (1.0 + (1.0 - square).sqrt()))
+}
+
+impl Geometry {
+    /// The least e with 2^e above the strength of luminaire `l` (of a point: at a distance `size`), in any channel.
+    pub fn exponent(&self, l: usize, size: f64) -> i32 {
+        let emitter = &self.emitters[l];
+        let largest = emitter.strength.into_iter().fold(0.0, f64::max);
+        let largest = if let Body::Point { .. } = emitter.body { largest / (size * size) } else { largest };
+        if largest > 0.0 && largest.is_finite() { libm::frexp(largest).1 } else { 0 }
+    }
+
+    /// Light of luminaire `l` towards a point, from two variates; `None` where it sends none there.
+    pub fn arriving(&self, l: usize, at: DVec3, u: [f32; 2]) -> Option<ArrivingLight> {
+        self.emitters[l].arriving(at, u)
+    }
+
+    /// Density per steradian with which [`Self::arriving`] draws the direction in which a ray from `at` met luminaire `l` at
+    /// a distance and a cosine; 0 for those that have no area.
+    pub fn light_density(&self, l: usize, at: DVec3, distance: f64, cosine: f64) -> f64 {
+        self.emitters[l].density(at, distance, cosine)
+    }
+
+    /// The first luminaire with a body of its own on a ray, where it is not behind `limit`: within rounding it comes
+    /// before a wall that it lies in.
+    pub fn first_luminaire(&self, origin: DVec3, direction: DVec3, limit: f64) -> Option<LightHit> {
+        let limit = limit * (1.0 + TOUCHING) + self.nearest_allowed;
+        let mut best: Option<LightHit> = None;
+        for (luminaire, emitter) in self.emitters.iter().enumerate() {
+            let Some((distance, radiance)) = emitter.meet(origin, direction) else { continue };
+            if distance <= limit && distance > self.nearest_allowed && best.is_none_or(|b| distance < b.distance) {
+                best = Some(LightHit { luminaire, distance, radiance });
+            }
+        }
+        best
+    }
+
+    /// The cosine under which a ray meets the front of luminaire `l` at a point.
+    pub fn light_cosine(&self, l: usize, point: DVec3, direction: DVec3) -> f64 {
+        match &self.emitters[l].body {
+            Body::Parts { parts, .. } => -parts[0].normal(point).dot(direction),
+            Body::Sphere { centre, .. } => -(point - *centre).normalize_or_zero().dot(direction),
+            _ => 0.0,
+        }
+    }
+
+    /// Radiance of the front of a wall that is luminaire `l`.
+    pub fn wall_radiance(&self, l: usize) -> [f64; 3] {
+        self.emitters[l].strength
+    }
+
+    /// Whether the body of a luminaire other than `l` stands between.
+    pub fn is_shaded_by_luminaires(&self, l: usize, origin: DVec3, direction: DVec3, limit: f64) -> bool {
+        let limit = limit * (1.0 - TOUCHING);
+        self.emitters.iter().enumerate().any(|(other, emitter)| {
+            other != l && emitter.meet(origin, direction).is_some_and(|(t, _)| t < limit && t > self.nearest_allowed)
+        })
+    }
+
+    /// Origin and direction of a photon of luminaire `l`, with the density of its power: two variates for the place and a
+    /// cosine-distributed direction about the z axis. `None` for parallel light, which has no place.
+    pub fn photon(&self, l: usize, place: [f32; 2], local: DVec3) -> Option<(DVec3, DVec3)> {
+        self.emitters[l].leaving(place, local)
+    }
+}

@@ -1,0 +1,298 @@
+//! Paths of one texel through the level set, walls and luminaires.
+//!
+//! A path carries a weight W in red, green and blue: the albedos of the walls it met, without that of the level set.
+//! While it has met its level set k times after the texel, whatever it finds belongs to layer k: the environment along ω
+//! adds W·Y(ω) to T_k, light of a luminaire adds to that luminaire's G_k. So exitant radiance is
+//! Σ_k ρ^(k+1) (⟨T_k, L⟩ + Σ_l s_l G_k,l) for every albedo ρ of the level set and every factor s_l on the power of a luminaire.
+//! Meeting the level set for the (k+1)th time adds W to the group of emission.
+//!
+//! Luminaires are found in two ways, by sampling them and by the cosine, combined by the balance heuristic (Veach and Guibas
+//! 1995, eq. 9). After a mirror or glass only the path itself finds them. Paths end after the last stored layer, or between
+//! walls by Russian roulette on the largest channel of W.
+
+use super::super::REPLICATES;
+use super::world::{Met, Origin, Place, SceneCounts, World};
+use super::{SceneSettings, glass};
+use crate::geom::{Frame, Normal};
+use crate::level::{CellPoint, Counts, Site, Start};
+use crate::sampling::{PathSampler, warp};
+use crate::scene::geometry::{Finish, WallHit};
+use crate::sh;
+use crate::transfer::Layers;
+use crate::volume::Sample;
+use glam::{DVec3, Vec3};
+use std::f64::consts::PI;
+
+/// Meetings with walls after which roulette begins.
+const SURE_WALLS: u32 = 3;
+/// A path between white walls would never end: after this many turns it is cut.
+const MOST_TURNS: u32 = 512;
+/// Mirrors and glass in a row before a path is cut.
+const MOST_SPECULAR: u32 = 64;
+/// Pairs of random numbers of glass start here, out of the way of all others.
+const GLASS_PAIRS: u32 = 1 << 24;
+
+/// What a texel's paths found: sums, then means and standard errors.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Found {
+    // [replicate][coefficient of the coloured layers].
+    pub(super) environment: Vec<f64>,
+    // [group: emission, then luminaires][replicate][3·layer + channel].
+    pub(super) groups: Vec<f64>,
+    pub(super) lost: u32,
+    pub(super) trapped: u32,
+}
+
+impl Found {
+    pub(super) fn reset(&mut self, layers: &Layers, luminaires: usize) {
+        self.environment.clear();
+        self.environment.resize(REPLICATES * layers.coefficients(), 0.0);
+        self.groups.clear();
+        self.groups.resize((1 + luminaires) * REPLICATES * 3 * layers.len(), 0.0);
+        (self.lost, self.trapped) = (0, 0);
+    }
+}
+
+/// A path at a point where it turns diffusely.
+#[derive(Clone, Copy)]
+struct Turn {
+    origin: Origin,
+    normal: Normal,
+}
+
+/// One path on its way.
+struct Path<'a, 'w, T> {
+    world: &'a World<'w, T>,
+    settings: &'a SceneSettings,
+    isovalue: f32,
+    sampler: &'a PathSampler,
+    replicate: usize,
+    index: u32,
+    layer: usize,
+    weight: [f64; 3],
+    walls: u32,
+}
+
+/// Traces `points` paths of every replicate from a site.
+pub(super) fn trace<T: Sample>(
+    world: &World<'_, T>,
+    site: &Site,
+    item: u64,
+    settings: &SceneSettings,
+    found: &mut Found,
+    level: &mut Counts,
+    counts: &mut SceneCounts,
+) {
+    let points = settings.rays / REPLICATES as u32;
+    found.reset(&settings.layers, world.geometry.luminaires().len());
+    let turn = Turn { origin: world.on_level(site.start), normal: site.normal };
+    for replicate in 0..REPLICATES {
+        let sampler = PathSampler::new(settings.seed, item, replicate as u32);
+        for index in 0..points {
+            let mut path = Path {
+                world,
+                settings,
+                isovalue: site.isovalue,
+                sampler: &sampler,
+                replicate,
+                index,
+                layer: 0,
+                weight: [1.0; 3],
+                walls: 0,
+            };
+            path.run(turn, found, level, counts);
+        }
+    }
+}
+
+impl<T: Sample> Path<'_, '_, T> {
+    /// Pairs of random numbers of one turn: the direction, one a luminaire, the roulette.
+    fn pairs(&self) -> u32 {
+        2 + self.world.geometry.luminaires().len() as u32
+    }
+
+    fn pair(&self, turn: u32, which: u32) -> [f32; 2] {
+        self.sampler.pair(self.index, turn * self.pairs() + which)
+    }
+
+    fn run(&mut self, mut at: Turn, found: &mut Found, level: &mut Counts, counts: &mut SceneCounts) {
+        for turn in 0..MOST_TURNS {
+            self.sample_luminaires(&at, turn, found, level, counts);
+            match self.follow(&at, turn, found, level, counts) {
+                Some(next) => at = next,
+                None => return,
+            }
+        }
+    }
+
+    /// Adds to a layer of a group: 0 for emission, 1 + l for luminaire l.
+    fn add(&self, found: &mut Found, group: usize, value: [f64; 3], factor: f64) {
+        let layers = self.settings.layers.len();
+        let first = 3 * ((group * REPLICATES + self.replicate) * layers + self.layer);
+        for c in 0..3 {
+            found.groups[first + c] += self.weight[c] * value[c] * factor;
+        }
+    }
+
+    fn sample_luminaires(&self, at: &Turn, turn: u32, found: &mut Found, level: &mut Counts, counts: &mut SceneCounts) {
+        for l in 0..self.world.geometry.luminaires().len() {
+            let u = self.pair(turn, 1 + l as u32);
+            let Some(light) = self.world.geometry.arriving(l, at.origin.in_world, u) else { continue };
+            let cosine = light.direction.dot(at.normal.vec().as_dvec3());
+            if cosine <= 0.0
+                || !self.world.sees(self.isovalue, &at.origin, l, light.direction, light.distance, level, counts)
+            {
+                continue;
+            }
+            let by_cosine = cosine / PI;
+            let share = light.density.map_or(1.0, |density| density / (density + by_cosine));
+            self.add(found, 1 + l, light.value, by_cosine * share);
+        }
+    }
+
+    /// Follows a cosine-distributed ray to the next diffuse turn; `None` where the path ends.
+    fn follow(
+        &mut self,
+        at: &Turn,
+        turn: u32,
+        found: &mut Found,
+        level: &mut Counts,
+        counts: &mut SceneCounts,
+    ) -> Option<Turn> {
+        let local = warp::square_to_cosine_hemisphere(self.pair(turn, 0));
+        let mut direction = Frame::around(at.normal).from_local(local).as_dvec3().normalize_or(DVec3::Z);
+        let by_cosine = direction.dot(at.normal.vec().as_dvec3()).max(0.0) / PI;
+        // Density of the cosine, while the path has met nothing specular since.
+        let mut density = Some(by_cosine);
+        let mut origin = at.origin;
+        for specular in 0..MOST_SPECULAR {
+            match self.world.meet(self.isovalue, &origin, direction, level, counts) {
+                Met::Nothing => {
+                    self.escape(direction.as_vec3(), found);
+                    return None;
+                }
+                Met::Cut => {
+                    counts.cut += 1;
+                    return None;
+                }
+                Met::Luminaire(hit) => {
+                    counts.luminaire_hits += 1;
+                    let point = origin.in_world + hit.distance * direction;
+                    let cosine = self.world.geometry.light_cosine(hit.luminaire, point, direction);
+                    let share = self.share(density, hit.luminaire, &origin, hit.distance, cosine)?;
+                    self.add(found, 1 + hit.luminaire, hit.radiance, share);
+                    return None;
+                }
+                Met::Lost => {
+                    found.lost += 1;
+                    if !matches!(origin.place, Place::Level(_)) {
+                        counts.cut += 1;
+                        return None;
+                    }
+                    return self.on_level_again(found).then_some(*at);
+                }
+                Met::Level(cell, _) => return self.at_level(cell, found),
+                Met::Wall(hit) => {
+                    let point = origin.in_world + hit.distance * direction;
+                    self.shine(&hit, density, &origin, direction, found);
+                    match hit.finish {
+                        Finish::Diffuse(albedo) => {
+                            let next = self.at_wall(&hit, albedo, point, direction, turn);
+                            counts.wall_hits += u64::from(next.is_some());
+                            return next;
+                        }
+                        Finish::Mirror(share) => {
+                            direction -= 2.0 * direction.dot(hit.normal) * hit.normal;
+                            (0..3).for_each(|c| self.weight[c] *= f64::from(share[c]));
+                        }
+                        Finish::Glass(index) => {
+                            let pair = GLASS_PAIRS + turn * MOST_SPECULAR + specular;
+                            let u = f64::from(self.sampler.pair(self.index, pair)[0]);
+                            let (next, factor) = glass::turn(direction, hit.normal, index, u);
+                            direction = next;
+                            self.weight = self.weight.map(|w| w * factor);
+                        }
+                    }
+                    counts.specular_hits += 1;
+                    density = None;
+                    origin = Origin { place: Place::Wall(hit.part), in_world: point };
+                }
+            }
+        }
+        None
+    }
+
+    /// Weight of light that the path itself found; `None` where it is left to others or switched off.
+    fn share(&self, density: Option<f64>, l: usize, from: &Origin, distance: f64, cosine: f64) -> Option<f64> {
+        match density {
+            Some(by_cosine) => {
+                let by_light = self.world.geometry.light_density(l, from.in_world, distance, cosine);
+                (by_cosine > 0.0).then(|| by_cosine / (by_cosine + by_light))
+            }
+            None => self.settings.caustics.then_some(1.0),
+        }
+    }
+
+    /// Light of a wall that shines.
+    fn shine(&self, hit: &WallHit, density: Option<f64>, from: &Origin, direction: DVec3, found: &mut Found) {
+        let cosine = -direction.dot(hit.normal);
+        let Some(l) = hit.luminaire.filter(|_| cosine > 0.0) else { return };
+        if let Some(share) = self.share(density, l, from, hit.distance, cosine) {
+            self.add(found, 1 + l, self.world.geometry.wall_radiance(l), share);
+        }
+    }
+
+    fn escape(&self, direction: Vec3, found: &mut Found) {
+        let layers = &self.settings.layers;
+        let bands = layers.bands()[self.layer];
+        let mut basis = [0.0f32; sh::MAX_BANDS * sh::MAX_BANDS];
+        sh::basis::evaluate_f32(bands, direction, &mut basis);
+        let first = self.replicate * layers.coefficients() + layers.offset(self.layer);
+        for c in 0..3 {
+            let sums = &mut found.environment[first + c * bands * bands..][..bands * bands];
+            for (sum, y) in sums.iter_mut().zip(&basis) {
+                *sum += self.weight[c] * f64::from(*y);
+            }
+        }
+    }
+
+    /// Counts a meeting with the level set; whether the path goes on in the next layer.
+    fn on_level_again(&mut self, found: &mut Found) -> bool {
+        self.add(found, 0, [1.0; 3], 1.0);
+        self.layer += 1;
+        let goes_on = self.layer < self.settings.layers.len();
+        found.trapped += u32::from(!goes_on);
+        goes_on
+    }
+
+    fn at_level(&mut self, cell: CellPoint, found: &mut Found) -> Option<Turn> {
+        let Some(normal) = self.world.normal(&cell) else {
+            found.lost += 1;
+            return None;
+        };
+        let start = Start::on(cell);
+        self.on_level_again(found).then(|| Turn { origin: self.world.on_level(start), normal })
+    }
+
+    fn at_wall(&mut self, hit: &WallHit, albedo: [f32; 3], point: DVec3, direction: DVec3, turn: u32) -> Option<Turn> {
+        for c in 0..3 {
+            self.weight[c] *= f64::from(albedo[c]);
+        }
+        let largest = self.weight.into_iter().fold(0.0, f64::max);
+        if largest <= 0.0 {
+            return None;
+        }
+        self.walls += 1;
+        if self.walls > SURE_WALLS {
+            let survive = largest.min(0.95);
+            if f64::from(self.pair(turn, self.pairs() - 1)[0]) >= survive {
+                return None;
+            }
+            self.weight = self.weight.map(|w| w / survive);
+        }
+        let towards = if direction.dot(hit.normal) < 0.0 { hit.normal } else { -hit.normal };
+        // A normal points down a gradient.
+        let normal = Normal::down_gradient(-towards.as_vec3())?;
+        Some(Turn { origin: Origin { place: Place::Wall(hit.part), in_world: point }, normal })
+    }
+}

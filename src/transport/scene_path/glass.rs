@@ -1,0 +1,59 @@
+//! Reflection and refraction at clear glass.
+
+use glam::DVec3;
+
+/// The next direction of a path that meets glass of an index, by one variate, and the factor on its radiance.
+///
+/// Fresnel's equations for unpolarised light decide between the two with their own probability. Radiance that enters a
+/// denser medium grows by the square of the ratio of the indices; a path, which runs against the light, takes the
+/// inverse (Veach 1997, section 5.2).
+pub(super) fn turn(direction: DVec3, front: DVec3, index: f64, u: f64) -> (DVec3, f64) {
+    let enters = direction.dot(front) < 0.0;
+    let normal = if enters { front } else { -front };
+    // From the side the ray comes from to the other.
+    let ratio = if enters { 1.0 / index } else { index };
+    let cosine = (-direction.dot(normal)).clamp(0.0, 1.0);
+    let reflected = direction + 2.0 * cosine * normal;
+    let square = 1.0 - ratio * ratio * (1.0 - cosine * cosine);
+    if square <= 0.0 || u < reflectance(cosine, square.sqrt(), ratio) {
+        return (reflected.normalize_or(normal), 1.0);
+    }
+    let refracted = ratio * direction + (ratio * cosine - square.sqrt()) * normal;
+    (refracted.normalize_or(-normal), ratio * ratio)
+}
+
+/// Reflectance of unpolarised light from the cosines on both sides and the ratio of the indices, n₁/n₂.
+fn reflectance(cosine: f64, beyond: f64, ratio: f64) -> f64 {
+    let across = (ratio * cosine - beyond) / (ratio * cosine + beyond);
+    let along = (ratio * beyond - cosine) / (ratio * beyond + cosine);
+    0.5 * (across * across + along * along)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn known_reflectances() {
+        // Straight on ((n−1)/(n+1))² = 0.04; at Brewster's angle atan(1.5) only the half across is reflected.
+        assert!((reflectance(1.0, 1.0, 1.0 / 1.5) - 0.04).abs() < 1e-12);
+        let brewster = libm::atan(1.5f64);
+        let (cosine, beyond) = (libm::cos(brewster), libm::sin(brewster));
+        let across = ((1.0 / 1.5 * cosine - beyond) / (1.0 / 1.5 * cosine + beyond)).powi(2);
+        assert!((reflectance(cosine, beyond, 1.0 / 1.5) - 0.5 * across).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_way_back_is_the_way() {
+        let front = DVec3::Z;
+        let inward = DVec3::new(0.6, 0.0, -0.8);
+        let (inside, factor) = turn(inward, front, 1.5, 0.999);
+        // Snell: sin = 0.6/1.5.
+        assert!((inside.x - 0.4).abs() < 1e-12 && inside.z < 0.0);
+        let (back, inverse) = turn(-inside, front, 1.5, 0.999);
+        assert!((back + inward).length() < 1e-12 && (factor * inverse - 1.0).abs() < 1e-12);
+        // Beyond the critical angle all is reflected.
+        let (kept, factor) = turn(DVec3::new(0.8, 0.0, 0.6), front, 1.5, 0.999);
+        assert!(kept.z < 0.0 && factor == 1.0);
+    }
+}

@@ -1,0 +1,46 @@
+//! Path tracing of a level set among walls and luminaires: an estimator of its own, which a scene with geometry asks for.
+//! A volume alone never comes here.
+//!
+//! Transfer has three channels, because walls have colours, and each luminaire fills a texture of its own, so that its
+//! power may change at relight time: `estimate` says what is added where, `world` what a ray meets.
+//! Photons are not needed: light of luminaires that have an area is found through mirrors and glass by the paths
+//! themselves, if noisily. Points and parallel light cannot be found so; see [`needs_photons`].
+
+mod bake;
+mod estimate;
+mod glass;
+mod photons;
+mod reference;
+mod world;
+
+pub use bake::{GroupBricks, SceneBake, SceneSummary, bake_scene, pilot_scene};
+pub use photons::{PowerBalance, trace_photons};
+pub use reference::{SceneReference, scene_radiance};
+pub use world::SceneCounts;
+
+use crate::scene::geometry::{Geometry, LuminaireShape};
+use crate::transfer::Layers;
+
+/// What the estimator is asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneSettings {
+    /// Layers and bands, coloured.
+    pub layers: Layers,
+    /// Paths per texel, over all replicates: a power of two of at least 4.
+    pub rays: u32,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Whether light of luminaires counts that reaches a diffuse surface by way of mirrors or glass.
+    pub caustics: bool,
+}
+
+/// Luminaires whose light cannot be found through the mirrors and glass of a scene but by photons, which are not built:
+/// points and parallel light. Empty where nothing is specular.
+pub fn needs_photons(geometry: &Geometry) -> Vec<String> {
+    if !geometry.has_specular() {
+        return Vec::new();
+    }
+    let is_delta =
+        |shape: &LuminaireShape| matches!(shape, LuminaireShape::Point { .. } | LuminaireShape::Directional { .. });
+    geometry.luminaires().iter().filter(|l| is_delta(&l.shape)).map(|l| l.name.clone()).collect()
+}

@@ -1,0 +1,249 @@
+//! Radiance along rays through a scene, by path tracing of the whole light transport: the reference of the transfer.
+//!
+//! It shares with the bake what a ray meets and nothing else: no layers, no harmonics, no texture, no multiple importance
+//! sampling. Luminaires are sampled at every diffuse turn and not counted where a path happens on them after it; or, as a
+//! slow twin, they are found only so.
+
+use super::super::REPLICATES;
+use super::super::direct::Radiance;
+use super::glass;
+use super::world::{Met, Origin, Place, SceneCounts, World};
+use crate::error::{Error, Result};
+use crate::geom::{Direction, Frame, Normal};
+use crate::level::{Counts, LevelField, Pyramid, Start};
+use crate::sampling::{DirectionalSource, PathSampler, warp};
+use crate::scene::geometry::{Finish, Geometry};
+use crate::volume::{Sample, Volume, with_samples};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// What the reference is asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneReference {
+    /// Paths per ray: a power of two of at least 4, in four independent replicates.
+    pub paths: u32,
+    /// Diffuse reflectance of the level set, in [0, 1].
+    pub albedo: [f32; 3],
+    /// Radiance that the level set emits.
+    pub emission: [f32; 3],
+    /// Factors on the power of each luminaire, in their order; those not given are 1.
+    pub scales: Vec<[f64; 3]>,
+    /// Whether luminaires are sampled. Otherwise those without an area have no light.
+    pub samples_luminaires: bool,
+    /// Whether rays pass through the backs of diffuse walls before they meet anything else, as cameras' rays do that look
+    /// into a room from outside.
+    pub sees_through_backs: bool,
+    /// Seed of all random numbers.
+    pub seed: u64,
+}
+
+/// Turns after which roulette begins.
+const SURE_TURNS: u32 = 4;
+/// A path of albedo 1 in a closed room would never end: after this many turns it is cut.
+const MOST_TURNS: u32 = 1024;
+const MOST_SPECULAR: u32 = 64;
+/// See-through walls before a ray is given up.
+const MOST_BACKS: usize = 64;
+
+/// Radiance that arrives along rays (origin and direction in world), with its standard error; `isovalue` in the file's
+/// values. `None` for a ray that meets nothing.
+///
+/// # Errors
+/// When the number of paths or an albedo is not as [`SceneReference`] says, or the volume has no cells.
+pub fn scene_radiance(
+    volume: &Volume,
+    pyramid: &Pyramid,
+    geometry: &Geometry,
+    isovalue: f64,
+    rays: &[(DVec3, DVec3)],
+    environment: Option<&dyn DirectionalSource>,
+    settings: &SceneReference,
+) -> Result<(Vec<Option<Radiance>>, SceneCounts)> {
+    if !settings.paths.is_power_of_two() || settings.paths < REPLICATES as u32 {
+        return Err(Error::argument("paths", settings.paths, "a power of two, at least 4", "256 is a good reference"));
+    }
+    if !settings.albedo.iter().all(|a| (0.0..=1.0).contains(a)) {
+        return Err(Error::argument("albedo", format!("{:?}", settings.albedo), "numbers from 0 to 1", "give less"));
+    }
+    if volume.dims().iter().any(|&d| d < 2) {
+        let found = format!("{:?} samples", volume.dims());
+        return Err(Error::argument("volume", found, "at least 2 samples along each axis", "stack the slices"));
+    }
+    let raw = volume.raw_from_value(isovalue) as f32;
+    let each: Vec<(Option<Radiance>, SceneCounts)> = with_samples!(volume.samples(), s => {
+        let field = LevelField::new(volume, s, pyramid);
+        let tracer = Tracer { world: World::new(volume, &field, geometry), isovalue: raw, environment, settings };
+        rays.par_iter()
+            .enumerate()
+            .map(|(i, &(origin, direction))| {
+                let mut counts = SceneCounts::default();
+                (tracer.along(origin, direction.normalize_or(DVec3::Z), i as u64, &mut counts), counts)
+            })
+            .collect()
+    });
+    let mut counts = SceneCounts::default();
+    each.iter().for_each(|(_, c)| counts += *c);
+    Ok((each.into_iter().map(|(radiance, _)| radiance).collect(), counts))
+}
+
+struct Tracer<'a, T> {
+    world: World<'a, T>,
+    isovalue: f32,
+    environment: Option<&'a dyn DirectionalSource>,
+    settings: &'a SceneReference,
+}
+
+impl<T: Sample> Tracer<'_, T> {
+    fn along(&self, origin: DVec3, direction: DVec3, item: u64, counts: &mut SceneCounts) -> Option<Radiance> {
+        let origin = self.first_origin(origin, direction, counts)?;
+        let each = self.settings.paths / REPLICATES as u32;
+        let mut means = [[0.0; 3]; REPLICATES];
+        for (replicate, mean) in means.iter_mut().enumerate() {
+            let sampler = PathSampler::new(self.settings.seed, item, replicate as u32);
+            for path in 0..each {
+                let found = self.path(origin, direction, &sampler, path, counts);
+                (0..3).for_each(|c| mean[c] += found[c] / f64::from(each));
+            }
+        }
+        let mut out = Radiance::default();
+        for c in 0..3 {
+            let mean = means.iter().map(|m| m[c]).sum::<f64>() / REPLICATES as f64;
+            let spread: f64 = means.iter().map(|m| (m[c] - mean).powi(2)).sum();
+            let variance = spread / (REPLICATES * (REPLICATES - 1)) as f64;
+            (out.mean[c], out.stderr[c]) = (mean, variance.sqrt());
+        }
+        Some(out)
+    }
+
+    /// Where the ray starts once it has passed the backs that it sees through; `None` if it meets nothing.
+    fn first_origin(&self, origin: DVec3, direction: DVec3, counts: &mut SceneCounts) -> Option<Origin> {
+        let mut from = Origin { place: Place::Free, in_world: origin };
+        for _ in 0..MOST_BACKS {
+            match self.world.meet(self.isovalue, &from, direction, &mut Counts::default(), counts) {
+                Met::Nothing => return None,
+                Met::Wall(hit)
+                    if self.settings.sees_through_backs
+                        && !hit.finish.is_specular()
+                        && direction.dot(hit.normal) > 0.0 =>
+                {
+                    let in_world = from.in_world + hit.distance * direction;
+                    from = Origin { place: Place::Wall(hit.part), in_world };
+                }
+                _ => return Some(from),
+            }
+        }
+        None
+    }
+
+    fn path(
+        &self,
+        mut origin: Origin,
+        mut direction: DVec3,
+        sampler: &PathSampler,
+        path: u32,
+        counts: &mut SceneCounts,
+    ) -> [f64; 3] {
+        let geometry = self.world.geometry;
+        let (luminaires, level) = (geometry.luminaires().len(), &mut Counts::default());
+        let scaled = |l: usize, light: [f64; 3]| match self.settings.scales.get(l) {
+            Some(scale) => std::array::from_fn(|c| light[c] * scale[c]),
+            None => light,
+        };
+        let pairs = 3 + luminaires as u32;
+        let mut found = [0.0; 3];
+        let mut weight = [1.0f64; 3];
+        // Whether luminaires on the way count: before the first diffuse turn, after specular ones, or where they are not sampled.
+        let mut counts_light = true;
+        let (mut turn, mut specular) = (0, 0);
+        let mut at = None;
+        while turn < MOST_TURNS && specular < MOST_SPECULAR {
+            let add = |found: &mut [f64; 3], weight: &[f64; 3], light: [f64; 3], factor: f64| {
+                (0..3).for_each(|c| found[c] += weight[c] * light[c] * factor);
+            };
+            let (place, normal, albedo) = match self.world.meet(self.isovalue, &origin, direction, level, counts) {
+                Met::Nothing => {
+                    if let (Some(light), Some(to)) = (self.environment, Direction::new(direction.as_vec3())) {
+                        add(&mut found, &weight, light.radiance(to).map(f64::from), 1.0);
+                    }
+                    return found;
+                }
+                Met::Cut => return found,
+                Met::Luminaire(hit) => {
+                    if counts_light {
+                        add(&mut found, &weight, scaled(hit.luminaire, hit.radiance), 1.0);
+                    }
+                    return found;
+                }
+                Met::Lost => match at {
+                    Some((place, normal)) => (place, normal, self.settings.albedo),
+                    None => return found,
+                },
+                Met::Level(cell, _) => match self.world.normal(&cell) {
+                    Some(normal) => (self.world.on_level(Start::on(cell)), normal, self.settings.albedo),
+                    None => return found,
+                },
+                Met::Wall(hit) => {
+                    let in_world = origin.in_world + hit.distance * direction;
+                    let place = Origin { place: Place::Wall(hit.part), in_world };
+                    let towards = if direction.dot(hit.normal) < 0.0 { hit.normal } else { -hit.normal };
+                    if let Some(l) = hit.luminaire.filter(|_| counts_light && direction.dot(hit.normal) < 0.0) {
+                        add(&mut found, &weight, scaled(l, geometry.wall_radiance(l)), 1.0);
+                    }
+                    match hit.finish {
+                        Finish::Diffuse(albedo) => match Normal::down_gradient(-towards.as_vec3()) {
+                            Some(normal) => (place, normal, albedo),
+                            None => return found,
+                        },
+                        Finish::Mirror(share) => {
+                            (0..3).for_each(|c| weight[c] *= f64::from(share[c]));
+                            direction -= 2.0 * direction.dot(hit.normal) * hit.normal;
+                            (origin, counts_light, specular) = (place, true, specular + 1);
+                            continue;
+                        }
+                        Finish::Glass(index) => {
+                            let u = sampler.pair(path, (1 << 24) + turn * MOST_SPECULAR + specular)[0];
+                            let (next, factor) = glass::turn(direction, hit.normal, index, f64::from(u));
+                            weight = weight.map(|w| w * factor);
+                            (origin, direction, counts_light, specular) = (place, next, true, specular + 1);
+                            continue;
+                        }
+                    }
+                }
+            };
+            if matches!(place.place, Place::Level(_)) {
+                add(&mut found, &weight, self.settings.emission.map(f64::from), 1.0);
+            }
+            (0..3).for_each(|c| weight[c] *= f64::from(albedo[c]));
+            let largest = weight.into_iter().fold(0.0, f64::max);
+            if largest <= 0.0 {
+                return found;
+            }
+            if turn >= SURE_TURNS {
+                let survive = largest.min(0.95);
+                if f64::from(sampler.pair(path, pairs * turn + pairs - 1)[0]) >= survive {
+                    return found;
+                }
+                weight = weight.map(|w| w / survive);
+            }
+            if self.settings.samples_luminaires {
+                for l in 0..luminaires {
+                    let u = sampler.pair(path, pairs * turn + 1 + l as u32);
+                    let Some(light) = geometry.arriving(l, place.in_world, u) else { continue };
+                    let cosine = light.direction.dot(normal.vec().as_dvec3());
+                    if cosine > 0.0
+                        && self.world.sees(self.isovalue, &place, l, light.direction, light.distance, level, counts)
+                    {
+                        add(&mut found, &weight, scaled(l, light.value), cosine / PI);
+                    }
+                }
+            }
+            let local = warp::square_to_cosine_hemisphere(sampler.pair(path, pairs * turn));
+            direction = Frame::around(normal).from_local(local).as_dvec3().normalize_or(DVec3::Z);
+            counts_light = !self.settings.samples_luminaires;
+            at = matches!(place.place, Place::Level(_)).then_some((place, normal));
+            (origin, turn, specular) = (place, turn + 1, 0);
+        }
+        found
+    }
+}
