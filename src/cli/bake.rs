@@ -1,12 +1,14 @@
 //! `isolume bake`: fills a transfer store.
 
-use super::baking::{ForLight, Goal, Hints, Job, Share, fill, layout_of_scene, parse_time, size_on_disk};
+use super::baking::{self, ForLight, Goal, Hints, Job, Share, fill, layout_of_scene, parse_time, size_on_disk};
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
+use super::isovalue::Isovalue;
 use super::light::open_probe;
-use super::options::BakeArgs;
+use super::options::{BakeArgs, Texture};
 use super::scene::SceneFile;
-use super::{Failure, Outcome, output, replay};
+use super::{Failure, Outcome, forecast, output, replay, text};
+use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::relight::Material;
 use crate::transfer::Layout;
@@ -26,6 +28,7 @@ use std::time::{Duration, Instant};
   isolume bake brain.nii.gz --rays 64 --layers 4 -o brain.isolume
   isolume bake bumpbox:128 --isovalues 30,60 --error 1% -o bumps.isolume
   isolume bake brain.nii.gz --time 90s -o brain.isolume
+  isolume bake brain.nii.gz --isovalues 90 --auto 2m -o brain.isolume
   isolume bake brain.nii.gz --chunks 1/2 -o brain.isolume   (and 2/2 on another machine; see merge)
   isolume bake brain.nii.gz --replay-texel 90,120,80")]
 pub(super) struct Bake {
@@ -40,7 +43,7 @@ pub(super) struct Bake {
     /// Choose the standard error such that the command takes this long, such as 90s or 1h30m
     #[arg(long, value_name = "TIME", value_parser = parse_time, conflicts_with = "chunks")]
     time: Option<Duration>,
-    /// Measure --error and --time by the radiance under this environment, over its mean: the image file or name
+    /// Measure --error, --time and --auto by the radiance under this environment, over its mean: the image file or name
     /// that relight takes
     #[arg(long, value_name = "PROBE")]
     for_env: Option<String>,
@@ -50,6 +53,10 @@ pub(super) struct Bake {
     /// Albedo under that environment
     #[arg(long, value_name = "RHO", default_value_t = 0.7, requires = "for_env")]
     albedo: f32,
+    /// Choose texture and rays by a pilot, so that the bake is as exact as this time allows; see plan --time
+    #[arg(long, value_name = "TIME", value_parser = parse_time,
+        conflicts_with_all = ["time", "error", "rays", "texture", "chunks", "replay_texel"])]
+    auto: Option<Duration>,
     /// Bake only share i of n of the chunks; several processes may fill one store so, or each its own for merge
     #[arg(long, value_name = "I/N", value_parser = Share::parse)]
     chunks: Option<Share>,
@@ -85,8 +92,20 @@ impl Bake {
             console.note(&note.text);
         }
         let geometry = opened.geometry.as_ref();
-        let layout = layout_of_scene(self.bake.transfer.layout(volume, &self.bake.bands)?, geometry);
-        let settings = self.bake.transfer.settings(&layout, seed, self.time.is_some());
+        let mut transfer = self.bake.transfer.clone();
+        if let Some(time) = self.auto {
+            if geometry.is_some() {
+                let expected = "a volume without walls and luminaires";
+                let found = "a scene that has them";
+                return Err(crate::Error::argument("--auto", found, expected, "give a number of --rays").into());
+            }
+            let chosen = self.bake.isovalues(volume, opened.default_isovalue, scene)?;
+            let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
+            (transfer.texture, transfer.rays) =
+                self.choose(volume, isovalues.as_deref(), time, start, seed, console)?;
+        }
+        let layout = layout_of_scene(transfer.layout(volume, &self.bake.bands)?, geometry);
+        let settings = transfer.settings(&layout, seed, self.time.is_some());
         if let Some(texel) = self.replay_texel {
             if geometry.is_some() {
                 let message = "--replay-texel knows no walls and luminaires: give the volume itself";
@@ -164,14 +183,65 @@ impl Bake {
         .into())
     }
 
+    /// The texture and the rays that a time allows.
+    fn choose(
+        &self,
+        volume: &Volume,
+        isovalues: Option<&[f64]>,
+        time: Duration,
+        start: Instant,
+        seed: u64,
+        console: &Console,
+    ) -> Outcome<(Texture, Option<u32>)> {
+        let pyramid = Pyramid::new(volume);
+        let name = self.for_env.as_deref().unwrap_or("courtyard");
+        let probe = open_probe(name, false, None)?;
+        let orientation = Orientation::new(self.volume.up.unwrap_or(volume.up), self.env_rotate)?;
+        let layers = self.bake.transfer.layout(volume, &self.bake.bands)?.layers;
+        let isovalue = match isovalues {
+            Some([first, ..]) => *first,
+            _ => Isovalue::Auto.resolve(volume, None)?.value,
+        };
+        let question = forecast::Question {
+            volume,
+            pyramid: &pyramid,
+            isovalue,
+            probe: &probe,
+            orientation,
+            albedo: [self.albedo; 3],
+            layers: &layers,
+            seed,
+        };
+        let selected = |lattice| baking::selection(volume, lattice, isovalues);
+        let all = forecast::pilots(&question, &forecast::RATIOS, &selected)?;
+        let threads = rayon::current_num_threads() as f64;
+        let left = (RESERVED * time.as_secs_f64() - start.elapsed().as_secs_f64()).max(0.0);
+        let Some((weighed, found)) = forecast::best_within(&all, left * threads) else {
+            let message = "not enough time for the least that makes sense: give more --auto, or choose --isovalues";
+            return Err(Failure::Message(message.into()));
+        };
+        console.note(format!(
+            "--texture {} --rays {}: about {}, error {} of the radiance of isovalue {} under {name} (in the bands of the texture)",
+            weighed.ratio,
+            found.rays,
+            text::duration(Duration::from_secs_f64(found.seconds / threads)),
+            text::percent(found.error),
+            text::number(isovalue, 6)
+        ));
+        Ok((Texture::Ratio(weighed.ratio), Some(found.rays)))
+    }
+
     /// The environment that errors are measured by.
     fn light(&self, volume: &Volume, layout: &Layout) -> Outcome<Option<ForLight>> {
         let Some(name) = &self.for_env else { return Ok(None) };
+        if self.auto.is_some() {
+            return Ok(None);
+        }
         if self.bake.transfer.error.is_none() && self.time.is_none() {
             return Err(crate::Error::argument(
                 "--for-env",
                 format!("{name} without a target"),
-                "--error or --time beside it",
+                "--error, --time or --auto beside it",
                 "add --error 2%: the standard error of the radiance under this environment, over its mean",
             )
             .into());
@@ -183,6 +253,9 @@ impl Bake {
         Ok(Some(ForLight::new(probe.name, light, self.albedo)))
     }
 }
+
+/// Part of the time of `--auto` that the bake itself may take; the rest is for writing.
+const RESERVED: f64 = 0.9;
 
 /// Refuses an output that cannot become a store, before any work.
 fn check_output(path: &Path) -> Outcome {

@@ -4,7 +4,7 @@
 //! 2l): `_T<k>_SH_DEGREE_<l>_COEF_<n>`, one float to a vertex, layer k, degree l, order m = n − l. They are grey
 //! transfer, not radiance, hence no attributes of that extension.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::export::gltf::Scalars;
 use crate::geom::Up;
 use crate::probe::{Orientation, Probe};
@@ -16,6 +16,11 @@ use serde_json::{Value, json};
 
 /// The attributes of a mesh.
 pub(super) fn attributes(source: &dyn BrickSource, mesh: &Mesh) -> Result<Vec<Scalars>> {
+    if source.layout().layers.channels() != 1 {
+        let remedy = "leave out --transfer, or bake the volume without walls and luminaires";
+        let expected = "the grey transfer of a volume alone";
+        return Err(Error::argument("--transfer", "the coloured transfer of a scene", expected, remedy));
+    }
     let planes = look_up_transfer(source, &mesh.positions_in_grid, &mesh.normals)?.planes;
     Ok(names(&source.layout().layers).zip(planes).map(|(name, values)| Scalars { name, values }).collect())
 }

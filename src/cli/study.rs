@@ -76,6 +76,8 @@ pub(super) struct Study {
 
 /// Bands of the layers that every sweep but that of bands has.
 const BANDS: [usize; 4] = [5, 4, 3, 3];
+/// The sweep of bands.
+const SAME_BANDS: &str = "path, same bands in all";
 /// Layers of the exact texels.
 const MOST_LAYERS: usize = 6;
 /// Bakes of the same setting, by which the noise of the clock is told.
@@ -157,7 +159,8 @@ impl Study {
             console.note(format!("{curve}, {label}"));
             rows.push(measure(&bench, &references, curve, label, setting, seed)?);
         }
-        let marks: Vec<Mark> = rows.iter().map(mark).collect();
+        // Light of other bands is another reference: that sweep, the last one, is not drawn beside the others.
+        let marks: Vec<Mark> = rows.iter().filter(|row| row.curve != SAME_BANDS).map(mark).collect();
         let caption = Caption {
             title: format!(
                 "{}, isovalue {}, under {}: what accuracy costs",
@@ -231,11 +234,15 @@ impl Study {
         }
         let middle = ladder[ladder.len() * 2 / 3];
         for layers in 1..BANDS.len() {
-            add("path, fewer layers", format!("{layers}"), setting("path", middle, &BANDS[..layers], 1.0));
+            add(
+                "path, fewer layers",
+                format!("{layers} layer{}", if layers == 1 { "" } else { "s" }),
+                setting("path", middle, &BANDS[..layers], 1.0),
+            );
         }
         for bands in [2, 3, 4, 5, 7] {
             let bands = [bands; BANDS.len()];
-            add("path, same bands in all", format!("{}", bands[0]), setting("path", middle, &bands, 1.0));
+            add(SAME_BANDS, format!("{}", bands[0]), setting("path", middle, &bands, 1.0));
         }
         all
     }

@@ -179,8 +179,7 @@ pub fn svg(marks: &[Mark], caption: &Caption) -> String {
 fn plot(out: &mut String, marks: &[Mark], caption: &Caption) {
     let [left, top, right, bottom] = PLOT;
     let x = Axis::around(marks.iter().map(|m| m.seconds), left, right);
-    let cuts = caption.truncation.iter().map(|t| t.1).filter(|v| *v > 0.0);
-    let y = Axis::around(marks.iter().map(error).chain(cuts).map(|e| 100.0 * e), bottom, top);
+    let y = Axis::around(marks.iter().map(|m| 100.0 * error(m)), bottom, top);
     for t in ticks(x.from, x.to) {
         let at = x.place(t);
         let _ = write!(out, "<line class=\"grid\" x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"{top}\" y2=\"{bottom}\"/>");
@@ -211,8 +210,13 @@ fn plot(out: &mut String, marks: &[Mark], caption: &Caption) {
         bottom + 40.0,
         0.5 * (top + bottom)
     );
-    for (bands, value) in caption.truncation.iter().filter(|t| t.1 > 0.0) {
+    let mut before = f64::NEG_INFINITY;
+    for (bands, value) in caption.truncation.iter().filter(|t| (y.from..y.to).contains(&(100.0 * t.1))) {
         let at = y.place(100.0 * value);
+        if at - before < 16.0 {
+            continue;
+        }
+        before = at;
         let _ = writeln!(
             out,
             "<line class=\"cut\" x1=\"{left}\" x2=\"{right}\" y1=\"{at:.1}\" y2=\"{at:.1}\"/>\

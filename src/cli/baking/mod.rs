@@ -147,6 +147,16 @@ pub(super) struct Report {
     pub(super) write: Duration,
 }
 
+/// The texels that some isosurfaces need; without a list those of all.
+pub(super) fn selection(volume: &Volume, lattice: Lattice, isovalues: Option<&[f64]>) -> Selection {
+    let Some(list) = isovalues else { return Selection::of_all_isosurfaces(lattice, volume) };
+    let mut selection = Selection::empty(lattice);
+    for &c in list {
+        selection.insert_all(&texels_of_isosurface(volume, lattice, c));
+    }
+    selection
+}
+
 impl Job<'_> {
     /// What decides the store's numbers.
     pub(super) fn identity(&self) -> Identity {
@@ -207,12 +217,7 @@ impl Job<'_> {
 
     /// The texels that a texture of another lattice would need.
     pub(super) fn selection_on(&self, lattice: Lattice) -> Selection {
-        let Some(list) = &self.isovalues else { return Selection::of_all_isosurfaces(lattice, self.volume) };
-        let mut selection = Selection::empty(lattice);
-        for &c in list {
-            selection.insert_all(&texels_of_isosurface(self.volume, lattice, c));
-        }
-        selection
+        selection(self.volume, lattice, self.isovalues.as_deref())
     }
 
     /// Texels that a bake into the store at `path` would have to trace; all that are needed if there is none.
