@@ -19,7 +19,7 @@ use crate::study::model::Forecast;
 use crate::study::{Measured, References, Setting, Study as Bench};
 use crate::transfer::{BRICK, BRICK_TEXELS, Brick, Lattice, Layers, Layout, MemoryTexture};
 
-use crate::transport::{Bake, GatherSettings, Progress, Settings, bake, gather};
+use crate::transport::{Bake, GatherSettings, PhotonBake, Progress, Settings, bake, gather, photon_bake};
 use crate::volume::Volume;
 use cpu_time::ProcessTime;
 use serde_json::{Value, json};
@@ -229,6 +229,9 @@ impl Study {
         if self.quick {
             return all;
         }
+        for n in every(2).into_iter().filter(|n| (64..=256).contains(n)) {
+            add("photon", format!("{n}"), setting("photon", n, &BANDS, 1.0));
+        }
         for n in every(2) {
             add("path, texture ¼", format!("{n}"), setting("path", n, &BANDS, 0.25));
         }
@@ -313,6 +316,11 @@ fn bake_once(bench: &Bench<'_>, setting: &Setting, seed: u64) -> Outcome<Baked> 
         "gather" => {
             let options = GatherSettings { bias_texels: 0, ..GatherSettings::default() };
             gather(&job, &options, &chunks, &progress, &|_| Ok(None), &mut keep)?.summary
+        }
+        "photon" => {
+            let texels: u64 = lattice.texels().iter().map(|&m| m as u64).product();
+            let options = PhotonBake::for_texels(texels, setting.rays);
+            photon_bake(&job, &options, &chunks, &progress, &|_| Ok(None), &mut keep)?.0
         }
         _ => bake(&job, &chunks, &progress, &|_| Ok(None), &mut keep)?,
     };

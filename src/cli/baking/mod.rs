@@ -200,9 +200,8 @@ impl Job<'_> {
     /// A photon for every 16th ray that `path` would trace: they take memory, and many serve several texels.
     fn photons(&self) -> PhotonBake {
         let texels: u64 = self.layout.lattice.texels().iter().map(|&m| m as u64).product();
-        let photons = (texels * u64::from(self.settings.rays) / 16).clamp(1 << 16, 1 << 24) as u32;
         let memory_limit = self.memory_limit.unwrap_or_else(options::default_memory_limit);
-        PhotonBake { photons, gamma: 1.0, memory_limit }
+        PhotonBake { memory_limit, ..PhotonBake::for_texels(texels, self.settings.rays) }
     }
 
     fn gather_settings(&self) -> GatherSettings {

@@ -32,6 +32,15 @@ pub struct PhotonBake {
     pub memory_limit: u64,
 }
 
+impl PhotonBake {
+    /// What suits a texture of so many texels (those without a level set counted too), each of which takes `rays` photons:
+    /// a photon for every 16 of those, at least 2¹⁶ and at most 2²⁴; γ = 1; a map of at most 2 GiB.
+    pub fn for_texels(texels: u64, rays: u32) -> Self {
+        let photons = (texels * u64::from(rays) / 16).clamp(1 << 16, 1 << 24) as u32;
+        Self { photons, gamma: 1.0, memory_limit: 2 << 30 }
+    }
+}
+
 /// Radiance 1 from everywhere.
 struct Everywhere;
 
