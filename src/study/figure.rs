@@ -131,15 +131,16 @@ pub fn curves(marks: &[Mark]) -> Vec<(&str, Vec<&Mark>)> {
     all
 }
 
-/// Errors, relative, at which curves are compared: a few round ones that at least one curve reaches.
+/// Errors, relative, at which curves are compared: the least round ones that two curves reach.
 pub fn rungs(marks: &[Mark]) -> Vec<f64> {
-    let least = marks.iter().map(error).fold(f64::INFINITY, f64::min);
+    let mut least: Vec<f64> =
+        curves(marks).into_iter().map(|(_, list)| list.into_iter().map(error).fold(f64::INFINITY, f64::min)).collect();
+    least.sort_by(f64::total_cmp);
+    let from = least.get(1).or(least.first()).copied().unwrap_or(f64::INFINITY);
     let most = marks.iter().map(error).fold(0.0, f64::max);
-    [0.5, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.015, 0.01, 0.005]
-        .into_iter()
-        .filter(|&e| e >= least && e < most)
-        .take(5)
-        .collect()
+    let round = [0.5, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.015, 0.01, 0.007, 0.005, 0.003, 0.002];
+    let all: Vec<f64> = round.into_iter().filter(|&e| e >= from && e < most).collect();
+    all[all.len().saturating_sub(5)..].to_vec()
 }
 
 /// Seconds that each curve takes to each of [`rungs`].
@@ -264,7 +265,7 @@ fn bars(out: &mut String, marks: &[Mark]) {
     let chosen = on_front(marks);
     let _ = writeln!(
         out,
-        "<text class=\"ink\" x=\"{left}\" y=\"{}\">Its shares along the front; below: seconds, error</text>",
+        "<text class=\"ink\" x=\"{left}\" y=\"{}\">Its shares along the front; below: seconds, error in %</text>",
         top - 14.0
     );
     let step = (right - left) / chosen.len().max(1) as f64;
@@ -286,7 +287,7 @@ fn bars(out: &mut String, marks: &[Mark]) {
         let _ = writeln!(
             out,
             "<text class=\"ink small\" x=\"{middle:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>\
-             <text class=\"soft small\" x=\"{middle:.1}\" y=\"{}\" text-anchor=\"middle\">{} %</text>",
+             <text class=\"soft small\" x=\"{middle:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
             bottom + 15.0,
             brief(mark.seconds),
             bottom + 30.0,
@@ -310,7 +311,7 @@ fn table(out: &mut String, marks: &[Mark]) {
     let (left, top) = (BARS[0], BARS[3] + 112.0);
     let rungs = rungs(marks);
     let column = |i: usize| left + 172.0 + 42.0 * i as f64;
-    let _ = writeln!(out, "<text class=\"ink\" x=\"{left}\" y=\"{top}\">Seconds to the same error</text>");
+    let _ = writeln!(out, "<text class=\"ink\" x=\"{left}\" y=\"{top}\">Seconds to an error of</text>");
     for (i, e) in rungs.iter().enumerate() {
         let _ = writeln!(
             out,
