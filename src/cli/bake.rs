@@ -102,7 +102,7 @@ impl Bake {
             let chosen = self.bake.isovalues(volume, opened.default_isovalue, scene)?;
             let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
             (transfer.texture, transfer.rays) =
-                self.choose(volume, isovalues.as_deref(), time, start, seed, console)?;
+                self.choose_texture(volume, isovalues.as_deref(), time, start, seed, console)?;
         }
         let layout = layout_of_scene(transfer.layout(volume, &self.bake.bands)?, geometry);
         let settings = transfer.settings(&layout, seed, self.time.is_some());
@@ -184,7 +184,7 @@ impl Bake {
     }
 
     /// The texture and the rays that a time allows.
-    fn choose(
+    fn choose_texture(
         &self,
         volume: &Volume,
         isovalues: Option<&[f64]>,
