@@ -20,7 +20,7 @@ study() {
   target/release/isolume study "$input" "$@" --env courtyard -o "$out/$name" >"$out/$name/study.txt"
 }
 study bumpbox bumpbox:96
-study gyroid gyroid:64 --isovalue 0
-study mni152_t1 "$data/volumes/mni152_t1.nii.gz" --isovalue 90 --most-rays 256
+study gyroid gyroid:64 --isovalue 0 --most-rays 128
+study mni152_t1 "$data/volumes/mni152_t1.nii.gz" --isovalue 90 --most-rays 128
 study caffeine_density "$data/volumes/caffeine_density.nrrd" --isovalue 0.05
-study purkinje_neuron "$data/volumes/purkinje_neuron.nrrd" --isovalue 45 --most-rays 256
+study purkinje_neuron "$data/volumes/purkinje_neuron.nrrd" --isovalue 45 --most-rays 128
