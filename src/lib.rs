@@ -83,6 +83,12 @@
 //! `examples/bake.rs`, `examples/relight.rs` and `examples/custom_field.rs` use the public interface alone, each in
 //! under sixty lines.
 
+// Bad input is an `Err`: what only tests may do does not compile elsewhere at the gate, which makes warnings errors.
+#![cfg_attr(
+    not(test),
+    warn(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::todo, clippy::unimplemented)
+)]
+
 pub mod error;
 pub mod finding;
 pub mod geom;
