@@ -106,3 +106,31 @@ fn albedo_1_with_emission_says_what_it_left_out() {
     assert_eq!(code, 0, "{said}");
     assert!(said.contains("albedo 1 with emission has no end") && said.contains("1.000"), "{said}");
 }
+
+/// Whatever looks at a volume before a bake does refuses a slice, and a sweep that has no step.
+#[test]
+fn commands_that_look_before_they_bake_refuse_by_name_and_leave_nothing() {
+    let bench = Bench::new();
+    bench.volume("slice.npy", [8, 8, 1], |i| i as u8);
+    bench.volume("ok.npy", [9, 9, 9], |i| (i % 251) as u8);
+    let before = bench.names();
+    for line in [
+        "study slice.npy -o out",
+        "bake slice.npy --auto 5s -o out",
+        "bake slice.npy --replay-texel 0,0,0",
+        "plan slice.npy --time 1s",
+        "relight slice.npy --isovalue 5 --env constant --cache out -o a.glb",
+    ] {
+        let said = bench.refuses(line);
+        assert!(
+            said.contains("8×8×1 samples") && said.contains("at least 2 samples along each axis"),
+            "{line}: {said}"
+        );
+    }
+    assert!(bench.refuses("study ok.npy --most-rays 8 -o out").contains("at least 16"));
+    assert!(bench.refuses("study ok.npy --isovalue 9999 -o out").contains("0 to 250"));
+    assert!(bench.refuses("study ok.npy -o nowhere/out").contains("nowhere"));
+    assert_eq!(bench.names(), before);
+    let said = bench.refuses("relight ok.npy --isovalue 100 --env constant --transfer --cache kept -o a.ply");
+    assert!(said.contains("--transfer") && said.contains(".glb"), "{said}");
+}

@@ -7,7 +7,7 @@ use super::isovalue::Isovalue;
 use super::light::{open_probe, parse_triple};
 use super::options::{check_memory, parse_bytes};
 use super::surface::Surface;
-use super::{Outcome, text};
+use super::{Outcome, output, text};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::level::Pyramid;
@@ -78,6 +78,8 @@ pub(super) struct Study {
 const BANDS: [usize; 4] = [5, 4, 3, 3];
 /// The sweep of bands.
 const SAME_BANDS: &str = "path, same bands in all";
+/// Fewest rays that are tried.
+const LEAST_RAYS: u32 = 16;
 /// Layers of the exact texels.
 const MOST_LAYERS: usize = 6;
 /// Bakes of the same setting, by which the noise of the clock is told.
@@ -114,12 +116,15 @@ impl Study {
             console.note(&note.text);
         }
         let folder = self.output.clone().unwrap_or_else(|| PathBuf::from(format!("{}-study", volume.name)));
-        std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the folder", e))?;
+        // Refused before the minutes that a study takes.
+        let inside = if folder.is_dir() { folder.join("study.csv") } else { folder.clone() };
+        output::check_folder(&inside)?;
+        volume.check_cells()?;
         let chosen = self.isovalue.resolve(volume, opened.default_isovalue)?;
         let probe = open_probe(&self.env, false, None)?;
         let orientation = Orientation::new(self.volume.up.unwrap_or(volume.up), 0.0)?;
         let pyramid = Pyramid::new(volume);
-        let settings = self.settings();
+        let settings = self.settings()?;
         self.check_memory(volume, chosen.value, &settings)?;
         let (source, most) = (probe.source(orientation), most_bands(&settings));
         let coefficients = probe.coefficients_in_world(most, orientation);
@@ -172,6 +177,7 @@ impl Study {
             truncation: references.truncation(),
         };
         let csv = csv(&rows);
+        std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the folder", e))?;
         let whole = json!({
             "volume": volume.name, "isovalue": chosen.value, "environment": probe.name, "albedo": self.albedo.0,
             "points": points.len(), "paths": bench.paths, "texel_rays": bench.texel_rays, "seed": seed,
@@ -210,8 +216,13 @@ impl Study {
     }
 
     /// Curve, label and setting of every bake.
-    fn settings(&self) -> Vec<(String, String, Setting)> {
-        let ladder: Vec<u32> = (4..=16).map(|k| 1 << k).filter(|&n| n <= self.most_rays).collect();
+    fn settings(&self) -> Outcome<Vec<(String, String, Setting)>> {
+        if self.most_rays < LEAST_RAYS {
+            let expected = format!("at least {LEAST_RAYS}, where every sweep begins");
+            let remedy = "1024 is the default; --quick makes a study short";
+            return Err(Error::argument("--most-rays", self.most_rays, expected, remedy).into());
+        }
+        let ladder: Vec<u32> = (0..16).map(|k| LEAST_RAYS << k).filter(|&n| n <= self.most_rays).collect();
         let every = |n: usize| -> Vec<u32> { ladder.iter().copied().step_by(n).collect() };
         let setting =
             |estimator, rays, bands: &[usize], ratio| Setting { estimator, rays, bands: bands.to_vec(), ratio };
@@ -227,7 +238,7 @@ impl Study {
             add("path, texture ½", format!("{n}"), setting("path", n, &BANDS, 0.5));
         }
         if self.quick {
-            return all;
+            return Ok(all);
         }
         for n in every(2).into_iter().filter(|n| (64..=256).contains(n)) {
             add("photon", format!("{n}"), setting("photon", n, &BANDS, 1.0));
@@ -247,7 +258,7 @@ impl Study {
             let bands = [bands; BANDS.len()];
             add(SAME_BANDS, format!("{}", bands[0]), setting("path", middle, &bands, 1.0));
         }
-        all
+        Ok(all)
     }
 
     fn references(&self, bench: &Bench<'_>, settings: &[(String, String, Setting)]) -> Outcome<References> {

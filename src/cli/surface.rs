@@ -32,6 +32,7 @@ pub(super) struct Surface {
 impl Surface {
     /// Extracts the isosurface. Normals are those of the tracer; where they vanish, those of the facets.
     pub(super) fn new(volume: &Volume, pyramid: &Pyramid, lattice: Lattice, isovalue: f64) -> Result<Self> {
+        volume.check_cells()?;
         let start = Instant::now();
         let mesh =
             with_samples!(volume.samples(), s => extract(volume, &LevelField::new(volume, s, pyramid), isovalue))?;

@@ -52,15 +52,7 @@ pub struct BrickOutput {
 
 impl Bake<'_> {
     pub(super) fn check(&self) -> Result<()> {
-        if self.volume.dims().iter().any(|&d| d < 2) {
-            let d = self.volume.dims();
-            return Err(Error::argument(
-                "volume",
-                format!("{}×{}×{} samples", d[0], d[1], d[2]),
-                "at least 2 samples along each axis",
-                "a slice has no isosurface; stack it with its neighbours",
-            ));
-        }
+        self.volume.check_cells()?;
         if !self.settings.rays.is_power_of_two() || self.settings.rays < super::REPLICATES as u32 {
             return Err(Error::argument(
                 "rays",

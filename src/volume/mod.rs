@@ -255,6 +255,23 @@ impl Volume {
         Ok(self)
     }
 
+    /// Refuses a grid without cells, which no ray can be traced in.
+    ///
+    /// # Errors
+    /// With fewer than two samples along an axis.
+    pub fn check_cells(&self) -> Result<()> {
+        let [x, y, z] = self.dims;
+        if x.min(y).min(z) >= 2 {
+            return Ok(());
+        }
+        Err(Error::argument(
+            "volume",
+            format!("{x}×{y}×{z} samples"),
+            "at least 2 samples along each axis",
+            "a slice has no isosurface; stack it with its neighbours",
+        ))
+    }
+
     /// Grid points along x, y, z.
     pub fn dims(&self) -> [usize; 3] {
         self.dims

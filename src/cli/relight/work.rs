@@ -59,12 +59,18 @@ impl<'a> Work<'a> {
         start: Instant,
         console: &'a Console,
     ) -> Outcome<Self> {
+        volume.check_cells()?;
         let isovalues: Vec<f64> = chosen.iter().map(|c| c.value).collect();
         let environments: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
         if command.picture.turntable.is_some() {
             command.output.iter().try_for_each(|output| make_folder(output))?;
         }
         let files = all_targets(command, volume, &isovalues, &environments)?;
+        if command.mesh.transfer && files.iter().flatten().all(|f| f.format != Format::Glb) {
+            let expected = "an output that ends in .glb";
+            let remedy = "transfer is carried by glTF alone: add -o NAME.glb, or leave out --transfer";
+            return Err(Error::argument("--transfer", "without a .glb", expected, remedy).into());
+        }
         if files.iter().flatten().any(|f| f.format == Format::Png) {
             check_size(command.picture.seen.size, command.transfer.memory_limit)?;
         }

@@ -108,10 +108,7 @@ impl PhotonMap {
         settings: &PhotonSettings,
     ) -> Result<Self> {
         settings.check()?;
-        if volume.dims().iter().any(|&d| d < 2) {
-            let found = format!("{:?} samples", volume.dims());
-            return Err(Error::argument("volume", found, "at least 2 samples along each axis", "stack the slices"));
-        }
+        volume.check_cells()?;
         let density = IsovalueDensity::new(volume, &settings.isovalues)?;
         let space = Space::new(volume);
         let (mut photons, mut energy, mut counts) = (Vec::new(), PhotonEnergy::default(), Counts::default());

@@ -86,10 +86,7 @@ impl SceneBake<'_> {
     }
 
     fn check(&self) -> Result<()> {
-        if self.volume.dims().iter().any(|&d| d < 2) {
-            let found = format!("{:?} samples", self.volume.dims());
-            return Err(Error::argument("volume", found, "at least 2 samples along each axis", "stack the slices"));
-        }
+        self.volume.check_cells()?;
         if !self.settings.rays.is_power_of_two() || self.settings.rays < REPLICATES as u32 {
             let remedy = "16 is a preview, 64 a draft, 256 final, 4096 a reference";
             return Err(Error::argument("rays", self.settings.rays, "a power of two, at least 4", remedy));

@@ -62,6 +62,7 @@ pub fn trace_photons(
     photons: u32,
     seed: u64,
 ) -> Result<PowerBalance> {
+    volume.check_cells()?;
     let first = PathSampler::new(seed, 0, 0);
     let has_place = l < geometry.luminaires().len() && geometry.photon(l, first.pair(0, 0), DVec3::Z).is_some();
     if !has_place {

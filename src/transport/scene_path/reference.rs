@@ -66,10 +66,7 @@ pub fn scene_radiance(
     if !settings.albedo.iter().all(|a| (0.0..=1.0).contains(a)) {
         return Err(Error::argument("albedo", format!("{:?}", settings.albedo), "numbers from 0 to 1", "give less"));
     }
-    if volume.dims().iter().any(|&d| d < 2) {
-        let found = format!("{:?} samples", volume.dims());
-        return Err(Error::argument("volume", found, "at least 2 samples along each axis", "stack the slices"));
-    }
+    volume.check_cells()?;
     let raw = volume.raw_from_value(isovalue) as f32;
     let each: Vec<(Option<Radiance>, SceneCounts)> = with_samples!(volume.samples(), s => {
         let field = LevelField::new(volume, s, pyramid);
