@@ -217,7 +217,7 @@ impl PlacementsArgs {
 fn over(found: &[RouteFound], of: impl Fn(&RouteFound) -> f64) -> (f64, f64) {
     let mut all = Running::default();
     found.iter().for_each(|f| all.push(of(f)));
-    (all.mean(), if found.len() > 1 { all.standard_error() } else { 0.0 })
+    (all.mean(), all.standard_error())
 }
 
 fn table(rows: &[Row]) -> String {

@@ -90,7 +90,7 @@ pub fn place(
     };
     let units = |i: u32| [0, 1, 2].map(|a| unit(i, a));
     Ok(match placement {
-        Placement::Uniform => (0..samples).map(|i| units(i)).map(|u| std::array::from_fn(|a| u[a] * last[a])).collect(),
+        Placement::Uniform => (0..samples).map(units).map(|u| std::array::from_fn(|a| u[a] * last[a])).collect(),
         Placement::Stratified => {
             let n = cube_root(samples);
             let box_of = |i: u32| [i % n, i / n % n, i / n / n].map(f64::from);

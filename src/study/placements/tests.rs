@@ -82,34 +82,46 @@ fn level_sets_are_sampled_by_area() {
     assert!(z < 0.01 + 4.0 * heights.standard_error(), "{} ± {}", heights.mean(), heights.standard_error());
 }
 
-/// The thesis's ranking, in little: uniform before level sets before the diagonal.
+/// One-sided p of the hypothesis that the second of two means is not larger (Welch 1947, with the degrees of freedom of
+/// Satterthwaite, rounded down).
+fn p_of_larger(a: &Running, b: &Running) -> f64 {
+    let [va, vb] = [a, b].map(|r| r.standard_error().powi(2));
+    let t = (b.mean() - a.mean()) / (va + vb).sqrt();
+    let degrees = (va + vb).powi(2) / (va.powi(2) / (a.count() - 1) as f64 + vb.powi(2) / (b.count() - 1) as f64);
+    let outside = 0.5 * (1.0 - t_within(t.abs(), degrees as u32));
+    if t > 0.0 { outside } else { 1.0 - outside }
+}
+
+/// The thesis's ranking, in little: uniform before few level sets before the diagonal.
 ///
-/// Statistics: independent placements of each kind with their own random numbers; the error of each is one number, and means
-/// are compared by Welch's t with the degrees of freedom of one of them (fewer than it has: it rejects less).
+/// At isovalue 30, where the field is flat and level sets are far apart; at the thesis's 47 they are denser, and it takes
+/// more placements to tell (probes/record has them).
+///
+/// Statistics: independent placements of each kind with their own random numbers; the error of each is one number. How good
+/// level sets are depends on whether one of them happens to be near the isovalue: more of those.
 #[test]
 fn placements_rank_as_in_the_thesis() {
-    const PLACEMENTS: u32 = 8;
     let volume = volume("bumpbox:32");
     let (pyramid, geometry) = (Pyramid::new(&volume), box_scene());
-    let mesh = extract(&volume, 47.0).unwrap();
-    let points: Vec<[f32; 3]> = mesh.positions_in_grid.iter().copied().step_by(23).collect();
+    let mesh = extract(&volume, 30.0).unwrap();
+    let every = mesh.positions_in_grid.len() / 45;
+    let points: Vec<[f32; 3]> = mesh.positions_in_grid.iter().copied().step_by(every).collect();
     let route = Route {
         volume: &volume,
         pyramid: &pyramid,
         geometry: &geometry,
         environment: None,
-        isovalue: 47.0,
+        isovalue: 30.0,
         points: &points,
         lattice: Lattice::from_texels(volume.dims(), [48; 3]).unwrap(),
         material: &|_| [[0.7; 3], [0.0; 3]],
         paths: 8,
         neighbours: 32.0,
     };
-    assert!(points.len() > 40, "{}", points.len());
     let reference = route.reference(256, 5).unwrap();
-    let errors = |placement, samples: u32| {
+    let errors = |placement, samples: u32, placements: u64| {
         let mut all = Running::default();
-        for seed in 0..u64::from(PLACEMENTS) {
+        for seed in 0..placements {
             let found = route.measure(&reference, placement, samples, seed).unwrap();
             assert!(found.traced <= found.samples && found.without_level_set == 0, "{found:?}");
             all.push(found.errors[1].distance.rms_percent);
@@ -117,17 +129,18 @@ fn placements_rank_as_in_the_thesis() {
         all
     };
     let samples = 48 * 48 * 48;
-    let ranked = [Placement::Uniform, Placement::LevelSets, Placement::Diagonal];
-    let found = ranked.map(|placement| errors(placement, samples));
-    for (i, pair) in found.windows(2).enumerate() {
-        let spread = (pair[0].standard_error().powi(2) + pair[1].standard_error().powi(2)).sqrt();
-        let t = (pair[1].mean() - pair[0].mean()) / spread;
-        let evidence = format!("{:?} {} against {:?} {}", ranked[i], pair[0].mean(), ranked[i + 1], pair[1].mean());
-        println!("{evidence}: t = {t}");
-        assert!(t > 0.0 && 1.0 - t_within(t, PLACEMENTS - 1) < sidak(0.01, 2), "{evidence}: t = {t}");
+    let uniform = errors(Placement::Uniform, samples, 6);
+    let level_sets = errors(Placement::LevelSets, samples, 14);
+    let diagonal = errors(Placement::Diagonal, samples, 3);
+    for (name, a, b) in
+        [("uniform < level sets", &uniform, &level_sets), ("level sets < diagonal", &level_sets, &diagonal)]
+    {
+        let (p, of) = (p_of_larger(a, b), |r: &Running| format!("{:.2} ± {:.2} %", r.mean(), r.standard_error()));
+        println!("{name}: {} against {}, p = {p:.1e}", of(a), of(b));
+        assert!(p < sidak(0.01, 2), "{name}: {} against {}, p = {p}", of(a), of(b));
     }
     // Ever smaller balls blur less: D ~ n^(−1/3). What noise and interpolation leave does not fall.
-    let ladder = [(1.0 / 64.0, errors(Placement::Uniform, samples / 64).mean()), (1.0, found[0].mean())];
+    let ladder = [(1.0 / 64.0, errors(Placement::Uniform, samples / 64, 6).mean()), (1.0, uniform.mean())];
     assert!(log_log_slope(&ladder) < -0.1, "{ladder:?}");
 }
 
