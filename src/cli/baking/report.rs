@@ -21,7 +21,7 @@ impl Photons {
         Self { sent, hits, bytes: map.bytes(), imbalance: map.energy().imbalance(), time }
     }
 
-    fn line(&self) -> String {
+    fn in_words(&self) -> String {
         format!(
             "{} sent out in {}, {} hits kept in {}",
             text::count(self.sent),
@@ -118,7 +118,7 @@ impl Report {
             rows.insert(7, vec!["bias".into(), bias_line(bias)]);
         }
         if let Some(photons) = &self.photons {
-            rows.insert(1, vec!["photons".into(), photons.line()]);
+            rows.insert(1, vec!["photons".into(), photons.in_words()]);
         }
         text::table(&rows)
     }

@@ -140,7 +140,7 @@ impl PlacementsArgs {
             neighbours: self.neighbours,
         };
         let reference = route.reference(self.reference_paths, seed)?;
-        let rows = self.rows(&route, &reference, seed, console)?;
+        let rows = self.measured_rows(&route, &reference, seed, console)?;
         let whole = json!({
             "input": input::file_name(&self.input), "isovalue": isovalue, "environment": probe.map(|p| p.name),
             "texture": lattice.texels(), "points": points.len(), "paths": self.paths, "neighbours": self.neighbours,
@@ -164,7 +164,13 @@ impl PlacementsArgs {
         Ok(())
     }
 
-    fn rows(&self, route: &Route<'_>, reference: &RouteReference, seed: u64, console: &Console) -> Outcome<Vec<Row>> {
+    fn measured_rows(
+        &self,
+        route: &Route<'_>,
+        reference: &RouteReference,
+        seed: u64,
+        console: &Console,
+    ) -> Outcome<Vec<Row>> {
         let mut rows = Vec::new();
         let wanted = |p: &Placement| self.placements.is_empty() || self.placements.contains(p);
         for placement in Placement::ALL.into_iter().filter(wanted) {
