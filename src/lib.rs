@@ -67,7 +67,7 @@
 //! | [`relight`] | the runtime: contraction, lookup, albedo, emission, exposure | rays, solvers, files |
 //! | [`render`] | camera rays for previews, what pixels see | solvers |
 //! | [`mod@compare`] | the store against paths and photons on the same surface, the budget of its errors | files |
-//! | [`study`] | what accuracy costs: settings against one reference, the front, the figure | files, the clock |
+//! | [`study`] | what accuracy costs: settings against one reference, the front, the figure; where samples of a texture should lie | files, the clock |
 //! | [`export`] | GLB, PLY, PNG, VTI, NRRD, contact sheets, atomic files | volumes, SH, light |
 //! | [`view`] | the live page and its data, as bytes | solvers, sockets |
 //! | [`cli`] | flags, progress, printing, threads, the clock, paths | the insides: public interface only |

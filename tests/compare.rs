@@ -41,7 +41,20 @@ fn a_store_is_compared_and_the_budget_sums() {
 fn photons_bake_compare_and_draw() {
     let bench = Bench::new();
     // A store that photons fill is one more store: what paths say of it is within the blur of the search.
-    bench.run("bake bumpbox:24 --isovalues 47 --rays 64 --estimator photon -o p.isolume");
+    let baked = bench.json("bake bumpbox:24 --isovalues 47 --rays 64 --estimator photon -o p.isolume");
+    let map = &baked["bake"]["photons"];
+    // 24³ texels of 64 photons each, one for every 16 of them, but at least 2¹⁶.
+    assert_eq!(map["sent"], 1 << 16, "{map}");
+    assert!(
+        map["bytes"].as_u64() == map["hits"].as_u64().map(|n| 40 * n) && map["hits"].as_u64() > Some(1000),
+        "{map}"
+    );
+    assert!(map["energy_imbalance"].as_f64().unwrap() < 1e-6, "{map}");
+    // What is there needs no map.
+    assert!(
+        bench.json("bake bumpbox:24 --isovalues 47 --rays 64 --estimator photon -o p.isolume")["bake"]["photons"]
+            .is_null()
+    );
     let line = "compare p.isolume --isovalue 47 --env gradient --points 100 --paths 64 --against photon --photons 200000 \
                 --png p.png --glb p.glb --size 60x40";
     let found = bench.json(line);
@@ -76,5 +89,40 @@ fn photons_bake_compare_and_draw() {
     ] {
         let said = bench.refuses(line);
         assert!(said.contains(word), "{line}: {said}");
+    }
+}
+
+#[test]
+fn placements_are_studied() {
+    let bench = Bench::new();
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/scenes/box.toml");
+    let small =
+        "--isovalue 47 --texture 12x12x12 --samples 100,1000 --points 20 --paths 4 --reference-paths 16 --repeats 2";
+    let found = bench.json(&format!("study placements {scene} {small} -o s"));
+    assert_eq!((&found["points"], &found["texture"][2]), (&Value::from(20), &Value::from(12)));
+    let rows = found["rows"].as_array().unwrap();
+    // Two weights and two numbers of samples each, but for the texels.
+    assert_eq!(rows.len(), 6 * 4 + 1);
+    let csv = String::from_utf8(bench.bytes("s/placements.csv")).unwrap();
+    assert_eq!(csv.lines().count(), rows.len() + 1);
+    assert!(csv.lines().all(|line| line.matches(',').count() == csv.lines().next().unwrap().matches(',').count()));
+    assert!(rows[0]["placement"] == "texels" && rows[0]["samples"] == 1728 && rows[0]["empty"] == 0.0, "{}", rows[0]);
+    for row in rows {
+        let (rms, traced) = (row["rms_percent"]["mean"].as_f64().unwrap(), row["traced"].as_u64().unwrap());
+        assert!(rms > 0.0 && rms < 100.0 && traced > 0 && traced <= row["samples"].as_u64().unwrap(), "{row}");
+    }
+    // A volume under an environment; and the table.
+    let text =
+        bench.run(&format!("study placements bumpbox:12 --env gradient {small} --placements uniform,level-sets -o t"));
+    assert!(text.contains("level sets") && text.contains("noise of a sample") && !text.contains("diagonal"), "{text}");
+    for (line, code, word) in [
+        ("study placements bumpbox:12 --isovalue 47", 1, "luminaire"),
+        ("study placements bumpbox:12 --env gradient --placements random", 2, "many-level-sets"),
+        ("study placements absent.toml", 1, "absent.toml"),
+        ("study placements bumpbox:12 --env gradient --neighbours 0 --points 2 --samples 10", 1, "neighbours"),
+        ("study", 2, "VOLUME"),
+    ] {
+        let (found, _, said) = bench.outcome(line);
+        assert!(found == code && said.contains(word), "{line}: {found}, {said}");
     }
 }

@@ -13,9 +13,9 @@ use crate::compare::{Comparison, Distance, PhotonComparison, Question, compare, 
 use crate::error::Error;
 use crate::level::Pyramid;
 use crate::probe::Orientation;
-use crate::sampling::hash::uniform;
 use crate::transfer::store::Store;
-use crate::transport::{Settings, SurfacePoint};
+use crate::transport::Settings;
+use picture::Shown;
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
 
@@ -113,7 +113,7 @@ impl Compare {
         let files = self.pictures.files(&volume.name, &isovalues, &names)?;
         for (i, &isovalue) in isovalues.iter().enumerate() {
             let surface = Surface::new(&volume, &pyramid, layout.lattice, isovalue)?;
-            let points = self.random_vertices(&surface, seed);
+            let points = surface.random_points(self.points, seed);
             for (p, probe) in probes.iter().enumerate() {
                 let start = Instant::now();
                 let source = probe.source(orientation);
@@ -141,7 +141,8 @@ impl Compare {
                     Some(asked) => Some(compare_photons(&question, &found, asked)?),
                 };
                 let time = start.elapsed();
-                self.pictures.write(&files[i * probes.len() + p], &question, &surface, asked.as_ref(), found.mean)?;
+                let shown = Shown { question: &question, surface: &surface, photons: asked.as_ref(), mean: found.mean };
+                self.pictures.write(&files[i * probes.len() + p], &shown)?;
                 rows.push(Row { isovalue, env: probe.name.clone(), found, photons, time });
             }
         }
@@ -163,18 +164,6 @@ impl Compare {
             "rows": rows.iter().map(row_json).collect::<Vec<_>>(),
         }));
         Ok(())
-    }
-
-    /// Random vertices, with replacement.
-    fn random_vertices(&self, surface: &Surface, seed: u64) -> Vec<SurfacePoint> {
-        let mesh = &surface.mesh;
-        let all = mesh.positions_in_grid.len();
-        let vertex = |i: u32| {
-            let [high, low] = [0, 1].map(|d| f64::from(uniform(seed, 0x636f_6d70, i, d)));
-            (((high + low / f64::from(1u32 << 24)) * all as f64) as usize).min(all - 1)
-        };
-        let point = |v: usize| SurfacePoint { position_in_grid: mesh.positions_in_grid[v], normal: mesh.normals[v] };
-        if all == 0 { Vec::new() } else { (0..self.points).map(|i| point(vertex(i))).collect() }
     }
 }
 

@@ -49,12 +49,28 @@ impl Console {
         let _ = writeln!(std::io::stderr(), "error: {text}");
     }
 
-    /// Runs `work` while a bar shows how far `progress` has come of `texels`; on a terminal only. The second
+    /// Runs `work` while a bar shows how far `progress` has come of so many texels or photons; on a terminal only. The second
     /// interrupt by the user cancels `progress`.
-    pub(super) fn watch<T>(&self, what: &str, texels: u64, progress: &Progress, work: impl FnOnce() -> T) -> T {
+    pub(super) fn watch<T>(&self, what: &str, items: u64, progress: &Progress, work: impl FnOnce() -> T) -> T {
+        self.watch_until(2, what, items, progress, work)
+    }
+
+    /// As [`Console::watch`], for work that an interrupt loses nothing of: the first one cancels it.
+    pub(super) fn watch_first<T>(&self, what: &str, items: u64, progress: &Progress, work: impl FnOnce() -> T) -> T {
+        self.watch_until(1, what, items, progress, work)
+    }
+
+    fn watch_until<T>(
+        &self,
+        most_interrupts: u32,
+        what: &str,
+        items: u64,
+        progress: &Progress,
+        work: impl FnOnce() -> T,
+    ) -> T {
         let show = !self.quiet && std::io::stderr().is_terminal();
         let target = if show { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-        let bar = ProgressBar::with_draw_target(Some(texels), target);
+        let bar = ProgressBar::with_draw_target(Some(items), target);
         let style = ProgressStyle::with_template("{prefix} {bar:30} {percent:>3} %  {msg}  {eta} left");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
         bar.set_prefix(what.to_string());
@@ -63,10 +79,12 @@ impl Console {
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 while !done.load(Ordering::Relaxed) {
-                    if interrupts() >= 2 {
+                    if interrupts() >= most_interrupts {
                         progress.cancel.store(true, Ordering::Relaxed);
                     }
-                    bar.set_position(progress.texels.load(Ordering::Relaxed));
+                    bar.set_position(
+                        progress.texels.load(Ordering::Relaxed) + progress.photons.load(Ordering::Relaxed),
+                    );
                     let rays = progress.rays.load(Ordering::Relaxed) as f64;
                     bar.set_message(text::rate(rays, start.elapsed()));
                     std::thread::park_timeout(Duration::from_millis(150));

@@ -84,7 +84,7 @@ fn parse_error(text: &str) -> std::result::Result<f32, String> {
     }
 }
 
-fn parse_texture(text: &str) -> std::result::Result<Texture, String> {
+pub(super) fn parse_texture(text: &str) -> std::result::Result<Texture, String> {
     if let Ok(ratio) = text.parse::<f64>() {
         return if ratio > 0.0 && ratio <= 16.0 {
             Ok(Texture::Ratio(ratio))

@@ -92,7 +92,7 @@ pub(super) fn open(argument: &str, args: &VolumeArgs, scene: Option<&SceneFile>,
 }
 
 impl SceneFile {
-    fn read(path: &str) -> Result<Self> {
+    pub(super) fn read(path: &str) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(|e| {
             let folder = Path::new(path).parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
             let beside = std::fs::read_dir(folder).map(|d| d.flatten().collect::<Vec<_>>()).unwrap_or_default();

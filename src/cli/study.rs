@@ -1,5 +1,7 @@
 //! `isolume study`: what accuracy costs in time on the user's own volume, measured.
 
+mod placements;
+
 use super::console::Console;
 use super::forecast::{self, Weighed, bytes_of_texel};
 use super::input::VolumeArgs;
@@ -35,11 +37,15 @@ use std::time::Instant;
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume study brain.nii.gz --isovalue 90 --env courtyard -o brain-study
-  isolume study bumpbox:64 --quick")]
+  isolume study bumpbox:64 --quick
+  isolume study placements examples/scenes/box.toml --isovalue 47")]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(super) struct Study {
+    #[command(subcommand)]
+    other: Option<OtherStudy>,
     /// Volume file or field
-    #[arg(value_name = "VOLUME")]
-    input: String,
+    #[arg(value_name = "VOLUME", required = true)]
+    input: Option<String>,
     /// Isovalue: a number in the file's values, a percentage of their range, or auto
     #[arg(short, long, value_name = "C", default_value = "auto", allow_hyphen_values = true)]
     isovalue: Isovalue,
@@ -72,6 +78,12 @@ pub(super) struct Study {
     output: Option<PathBuf>,
     #[command(flatten, next_help_heading = "Volume")]
     volume: VolumeArgs,
+}
+
+/// Studies of other questions.
+#[derive(clap::Subcommand)]
+enum OtherStudy {
+    Placements(placements::PlacementsArgs),
 }
 
 /// Bands of the layers that every sweep but that of bands has.
@@ -110,7 +122,10 @@ struct Baked {
 
 impl Study {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
-        let opened = super::input::open(&self.input, &self.volume)?;
+        if let Some(OtherStudy::Placements(other)) = &self.other {
+            return other.run(seed, console);
+        }
+        let opened = super::input::open(self.input.as_deref().unwrap_or_default(), &self.volume)?;
         let volume = &opened.volume;
         for note in &volume.notes {
             console.note(&note.text);

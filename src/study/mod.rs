@@ -23,6 +23,7 @@
 pub mod figure;
 pub mod front;
 pub mod model;
+pub mod placements;
 
 #[cfg(test)]
 mod tests;

@@ -1,7 +1,7 @@
 //! A transfer texture in memory: what a bake fills before it writes, and what tests and previews
 //! read without a disk.
 
-use super::{BRICK_TEXELS, Brick, BrickSource, BrickView, Layers, Layout};
+use super::{BRICK, BRICK_TEXELS, Brick, BrickSource, BrickView, CHUNK, Layers, Layout};
 use crate::error::{Error, Result};
 
 /// A transfer texture held in memory.
@@ -47,6 +47,21 @@ impl MemoryTexture {
         check_brick(&brick, &self.layout.layers)?;
         let slot = brick_slot(&self.layout, index)?;
         Ok(self.bricks[slot].replace(brick))
+    }
+
+    /// Puts the bricks of a chunk in, x fastest, as a bake hands them to its sink; what it has none of stays as it is.
+    ///
+    /// # Errors
+    /// As [`MemoryTexture::insert`].
+    pub fn insert_chunk(&mut self, chunk: [usize; 3], bricks: Vec<Option<Brick>>) -> Result<()> {
+        const SIDE: usize = CHUNK / BRICK;
+        for (i, brick) in bricks.into_iter().enumerate() {
+            let inside = [i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE];
+            if let Some(brick) = brick {
+                self.insert(std::array::from_fn(|a| chunk[a] * SIDE + inside[a]), brick)?;
+            }
+        }
+        Ok(())
     }
 
     /// Takes the brick at a brick index out of the texture.
@@ -158,6 +173,19 @@ mod tests {
         let copy = MemoryTexture::from_source(&texture).unwrap();
         assert_eq!((copy.len(), copy.brick([1, 2, 0]).unwrap().unwrap().rays[3]), (1, 7));
         assert!(texture.remove([1, 2, 0]).unwrap().is_some() && texture.is_empty());
+    }
+
+    #[test]
+    fn a_chunk_goes_in_brick_by_brick() {
+        let lattice = Lattice::from_texels([40; 3], [40; 3]).unwrap();
+        let mut texture = MemoryTexture::new(Layout { lattice, ..layout() });
+        let mut bricks = vec![None; 64];
+        // The second of the second row of the second layer.
+        bricks[1 + 4 + 16] = Some(Brick::unbaked(&layout().layers));
+        texture.insert_chunk([0; 3], bricks.clone()).unwrap();
+        assert!(texture.len() == 1 && texture.brick([1; 3]).unwrap().is_some());
+        // Of the next chunk only one brick lies in the lattice.
+        assert!(texture.insert_chunk([1, 0, 0], bricks).is_err());
     }
 
     #[test]

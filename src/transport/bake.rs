@@ -36,6 +36,8 @@ pub struct Bake<'a> {
 pub struct Progress {
     /// Texels done, of those selected.
     pub texels: AtomicU64,
+    /// Photons sent out, of an estimator that has some.
+    pub photons: AtomicU64,
     /// Rays traced.
     pub rays: AtomicU64,
     /// Set from outside to stop at the next brick; the bake then ends with what it has.

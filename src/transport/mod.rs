@@ -18,6 +18,7 @@ mod open;
 mod path;
 pub mod photon;
 mod replay;
+pub mod scatter;
 mod scene_path;
 mod summary;
 
@@ -30,12 +31,12 @@ pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather
 pub use path::{Settings, Target, TexelEstimate, radiance_weights};
 pub use photon::{
     Density, Irradiance, IsovalueChoice, Isovalues, PhotonBake, PhotonEnergy, PhotonLight, PhotonLightSettings,
-    PhotonMap, PhotonSearch, PhotonSettings, photon_bake, photon_direct,
+    PhotonMap, PhotonSearch, PhotonSettings, photon_bake, photon_bake_from, photon_bake_map, photon_direct,
 };
 pub use replay::{ReplayedPath, replay};
 pub use scene_path::{
-    GroupBricks, PowerBalance, SceneBake, SceneCounts, SceneReference, SceneSettings, SceneSummary, bake_scene,
-    needs_photons, pilot_scene, scene_radiance, trace_photons,
+    GroupBricks, LevelSite, PowerBalance, SceneBake, SceneCounts, SceneReference, SceneSettings, SceneSummary,
+    bake_scene, needs_photons, pilot_scene, scene_radiance, site_radiance, trace_photons,
 };
 pub use summary::{ErrorHistogram, Summary};
 

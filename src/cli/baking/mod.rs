@@ -20,8 +20,8 @@ use crate::scene::geometry::Geometry;
 use crate::transfer::store::{ChunkExtent, Identity, Store};
 use crate::transfer::{Brick, Lattice, Layout, Selection};
 use crate::transport::{
-    Bake, Bias, GatherSettings, PhotonBake, Progress, SceneSummary, Settings, Summary, Target, bake, gather,
-    photon_bake, pilot,
+    Bake, Bias, GatherSettings, PhotonBake, PhotonMap, Progress, SceneSummary, Settings, Summary, Target, bake, gather,
+    photon_bake_from, photon_bake_map, pilot,
 };
 use crate::volume::{Shadowing, Volume};
 use serde_json::{Value, json};
@@ -140,6 +140,8 @@ pub(super) struct Report {
     pub(super) plan: Option<scenes::Plan>,
     /// Of the estimator `gather`.
     pub(super) bias: Option<Bias>,
+    /// Of the estimator `photon`.
+    pub(super) photons: Option<report::Photons>,
     /// Of a scene with walls or luminaires.
     pub(super) scene: Option<SceneSummary>,
     pub(super) prepare: Duration,
@@ -375,15 +377,21 @@ fn run(
 ) -> Outcome {
     let settings = Settings { target, ..job.settings.clone() };
     let start = Instant::now();
+    let map = if todo.len() > 0 { photon_map(job, pyramid, &settings, console, report)? } else { None };
     for i in 0..todo.len() {
+        if job.estimator == Estimator::Photon && map.is_none() {
+            break;
+        }
         let mut part = todo.part(i);
         let texels = texels_in(&part.selection, &part.chunks);
         if job.estimator == Estimator::Gather {
             part.selection = todo.everything();
         }
         let progress = Progress::default();
-        console
-            .watch("bake", texels, &progress, || bake_part(job, pyramid, store, &settings, &part, &progress, report))?;
+        let map = map.as_ref();
+        console.watch("bake", texels, &progress, || {
+            bake_part(job, pyramid, store, &settings, &part, map, &progress, report)
+        })?;
         if interrupts() > 0 {
             break;
         }
@@ -396,12 +404,36 @@ fn run(
     Ok(())
 }
 
+/// The map of the estimator `photon`, which all parts read; `None` for others, and when the user does not want to wait for it.
+fn photon_map(
+    job: &Job<'_>,
+    pyramid: &Pyramid,
+    settings: &Settings,
+    console: &Console,
+    report: &mut Report,
+) -> Outcome<Option<PhotonMap>> {
+    if job.estimator != Estimator::Photon || job.geometry.is_some() {
+        return Ok(None);
+    }
+    let (asked, start, progress) = (job.photons(), Instant::now(), Progress::default());
+    let selection = Selection::empty(job.layout.lattice);
+    let request = Bake { volume: job.volume, pyramid, layout: &job.layout, settings, selection: &selection };
+    let sent = u64::from(asked.photons);
+    let made = console.watch_first("photons", sent, &progress, || photon_bake_map(&request, &asked, &progress))?;
+    if let Some(map) = &made {
+        report.summary.counts += map.counts();
+        report.photons = Some(report::Photons::new(map, start.elapsed()));
+    }
+    Ok(made)
+}
+
 fn bake_part(
     job: &Job<'_>,
     pyramid: &Pyramid,
     store: &Store,
     settings: &Settings,
     part: &Part,
+    map: Option<&PhotonMap>,
     progress: &Progress,
     report: &mut Report,
 ) -> Result<()> {
@@ -422,22 +454,21 @@ fn bake_part(
     };
     let mut summary = Summary::default();
     match job.estimator {
-        Estimator::Path => {
+        Estimator::Path | Estimator::Photon => {
             for group in part.chunks.chunks(GROUP) {
                 if interrupts() > 0 {
                     break;
                 }
-                summary.add(&bake(&request, group, progress, &present, &mut sink)?);
+                summary.add(&match map {
+                    Some(map) => photon_bake_from(&request, map, group, progress, &present, &mut sink)?,
+                    None => bake(&request, group, progress, &present, &mut sink)?,
+                });
             }
         }
         Estimator::Gather => {
             let gathered = gather(&request, &job.gather_settings(), &part.chunks, progress, &present, &mut sink)?;
             summary.add(&gathered.summary);
             report.bias = Some(gathered.bias);
-        }
-        Estimator::Photon => {
-            let (found, _) = photon_bake(&request, &job.photons(), &part.chunks, progress, &present, &mut sink)?;
-            summary.add(&found);
         }
     }
     report.summary.add(&summary);

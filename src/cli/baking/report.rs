@@ -2,8 +2,42 @@
 
 use super::super::text;
 use super::Report;
-use crate::transport::Bias;
+use crate::transport::{Bias, PhotonMap};
 use serde_json::{Value, json};
+use std::time::Duration;
+
+/// What the map of the estimator `photon` is.
+pub(in super::super) struct Photons {
+    sent: u64,
+    hits: u64,
+    bytes: u64,
+    imbalance: f64,
+    time: Duration,
+}
+
+impl Photons {
+    pub(super) fn new(map: &PhotonMap, time: Duration) -> Self {
+        let (sent, hits) = (u64::from(map.settings().photons), map.len() as u64);
+        Self { sent, hits, bytes: map.bytes(), imbalance: map.energy().imbalance(), time }
+    }
+
+    fn in_words(&self) -> String {
+        format!(
+            "{} sent out in {}, {} hits kept in {}",
+            text::count(self.sent),
+            text::duration(self.time),
+            text::count(self.hits),
+            text::bytes(self.bytes as f64)
+        )
+    }
+
+    fn json(&self) -> Value {
+        json!({
+            "sent": self.sent, "hits": self.hits, "bytes": self.bytes, "energy_imbalance": self.imbalance,
+            "seconds": self.time.as_secs_f64(),
+        })
+    }
+}
 
 impl Report {
     /// The report as lines for people.
@@ -82,6 +116,9 @@ impl Report {
         let mut rows: Vec<_> = rows.into_iter().map(|(name, value)| vec![name.to_string(), value]).collect();
         if let Some(bias) = &self.bias {
             rows.insert(7, vec!["bias".into(), bias_line(bias)]);
+        }
+        if let Some(photons) = &self.photons {
+            rows.insert(1, vec!["photons".into(), photons.in_words()]);
         }
         text::table(&rows)
     }
@@ -199,6 +236,7 @@ impl Report {
             "mrays_per_second": s.counts.rays as f64 / self.trace.as_secs_f64().max(1e-9) / 1e6,
             "chunks": { "baked": self.chunks_baked, "kept": self.chunks_kept },
             "bias": self.bias.as_ref().map(bias_json),
+            "photons": self.photons.as_ref().map(Photons::json),
             "store_bytes": store_bytes,
         })
     }

@@ -57,6 +57,16 @@ impl Files {
     }
 }
 
+/// What is shown.
+pub(super) struct Shown<'a> {
+    pub(super) question: &'a Question<'a>,
+    pub(super) surface: &'a Surface,
+    /// The reference, where it is photons; else paths.
+    pub(super) photons: Option<&'a PhotonQuestion>,
+    /// What differences are measured by.
+    pub(super) mean: f64,
+}
+
 /// What differs where.
 struct Differences {
     store: Vec<[f32; 3]>,
@@ -80,39 +90,25 @@ impl PictureOutput {
         Ok(pngs.into_iter().zip(glbs).map(|(png, glb)| Files { png, glb }).collect())
     }
 
-    /// Computes both answers anew at the pixels and at the vertices, and writes what is asked for. The reference is
-    /// photons where they are given, else paths; `mean` is what differences are measured by.
-    pub(super) fn write(
-        &self,
-        files: &Files,
-        question: &Question<'_>,
-        surface: &Surface,
-        photons: Option<&PhotonQuestion>,
-        mean: f64,
-    ) -> Outcome {
+    /// Computes both answers anew at the pixels and at the vertices, and writes what is asked for.
+    pub(super) fn write(&self, files: &Files, shown: &Shown<'_>) -> Outcome {
         if let Some(target) = &files.png {
-            self.write_png(&target.path, question, surface, photons, mean)?;
+            self.write_png(&target.path, shown)?;
         }
         if let Some(target) = &files.glb {
-            self.write_glb(&target.path, question, surface, photons, mean)?;
+            self.write_glb(&target.path, shown)?;
         }
         Ok(())
     }
 
-    fn write_png(
-        &self,
-        path: &Path,
-        q: &Question<'_>,
-        surface: &Surface,
-        photons: Option<&PhotonQuestion>,
-        mean: f64,
-    ) -> Outcome {
+    fn write_png(&self, path: &Path, shown: &Shown<'_>) -> Outcome {
+        let (q, mean) = (shown.question, shown.mean);
         let (width, height) = self.seen.size;
         picture::check_size((3 * width, height), None)?;
         let (view, projection) = (self.seen.view, self.seen.projection());
-        let camera = surface.camera(q.volume, q.volume.up, view, projection, width as f64 / height as f64);
+        let camera = shown.surface.camera(q.volume, q.volume.up, view, projection, width as f64 / height as f64);
         let seen = seen_points(q.volume, q.pyramid, q.isovalue, &camera, width, height);
-        let found = differences(q, &seen.iter().flatten().map(point_of).collect::<Vec<_>>(), photons, mean)?;
+        let found = shown.differences(&seen.iter().flatten().map(point_of).collect::<Vec<_>>())?;
         let scale = self.scale.unwrap_or_else(|| found.natural_scale());
         let exposure = Exposure::Percentile.factor(&found.reference);
         let panel = |colours: &[[f32; 3]]| -> Result<Image> {
@@ -130,7 +126,7 @@ impl PictureOutput {
             panel(&Exposure::apply(exposure, &found.reference))?,
             difference,
         ];
-        let reference = if photons.is_some() { "photons" } else { "paths" };
+        let reference = shown.reference();
         let rms = (found.relative.iter().map(|d| d * d).sum::<f64>() / found.relative.len().max(1) as f64).sqrt();
         let labels = [
             "spherical harmonics".to_string(),
@@ -151,19 +147,13 @@ impl PictureOutput {
         Ok(atomic::write(path, |w| png::write(w, &sheet, &options))?)
     }
 
-    fn write_glb(
-        &self,
-        path: &Path,
-        q: &Question<'_>,
-        surface: &Surface,
-        photons: Option<&PhotonQuestion>,
-        mean: f64,
-    ) -> Outcome {
+    fn write_glb(&self, path: &Path, shown: &Shown<'_>) -> Outcome {
+        let (q, surface, mean) = (shown.question, shown.surface, shown.mean);
         let mesh = &surface.mesh;
         let vertices = mesh.positions_in_grid.iter().zip(&mesh.normals);
         let points: Vec<SurfacePoint> =
             vertices.map(|(p, n)| SurfacePoint { position_in_grid: *p, normal: *n }).collect();
-        let found = differences(q, &points, photons, mean)?;
+        let found = shown.differences(&points)?;
         let scale = self.scale.unwrap_or_else(|| found.natural_scale());
         let colours = found.colours(scale);
         let name = format!("{} {}, difference", q.volume.name, text::number(q.isovalue, 8));
@@ -171,9 +161,8 @@ impl PictureOutput {
             (0..colours.len()).map(|i| std::array::from_fn(|c| found.store[i][c] - found.reference[i][c])).collect();
         let errors = vec![0.0; radiance.len()];
         let mesh = surface.export(&name, q.volume, q.volume.up, &colours, Some((&radiance, &errors)));
-        let reference = if photons.is_some() { "photons" } else { "paths" };
         let provenance = json!({
-            "difference_of": ["store", reference], "blue": -scale, "red": scale, "mean_radiance": mean,
+            "difference_of": ["store", shown.reference()], "blue": -scale, "red": scale, "mean_radiance": mean,
             "_RADIANCE": "store minus reference",
         });
         let options = GltfOptions { provenance, ..GltfOptions::default() };
@@ -185,30 +174,31 @@ fn point_of(seen: &SeenPoint) -> SurfacePoint {
     SurfacePoint { position_in_grid: seen.position_in_grid, normal: seen.normal }
 }
 
-/// Both answers at points of the surface of a question.
-fn differences(
-    q: &Question<'_>,
-    points: &[SurfacePoint],
-    photons: Option<&PhotonQuestion>,
-    mean: f64,
-) -> Result<Differences> {
-    let q = &Question { points, ..*q };
-    let (store, _) = by_store(q)?;
-    let reference: Vec<[f64; 3]> = match photons {
-        Some(photons) => photons.answer(q)?.0.iter().map(|r| r.mean).collect(),
-        None => {
-            let settings = DirectSettings { paths: q.paths, albedo: q.albedo, seed: q.seed };
-            let (found, _) = direct(q.volume, q.pyramid, q.isovalue, points, &[q.light], &settings)?;
-            found.iter().flatten().map(|r| r.mean).collect()
-        }
-    };
-    let relative = store.iter().zip(&reference).map(|(a, b)| {
-        let difference = (0..3).map(|c| a[c] - b[c]).sum::<f64>() / 3.0;
-        if mean > 0.0 { difference / mean } else { 0.0 }
-    });
-    let relative = relative.collect();
-    let rounded = |v: Vec<[f64; 3]>| v.into_iter().map(|p| p.map(|c| c as f32)).collect();
-    Ok(Differences { store: rounded(store), reference: rounded(reference), relative })
+impl Shown<'_> {
+    fn reference(&self) -> &'static str {
+        if self.photons.is_some() { "photons" } else { "paths" }
+    }
+
+    /// Both answers at points of the surface.
+    fn differences(&self, points: &[SurfacePoint]) -> Result<Differences> {
+        let q = &Question { points, ..*self.question };
+        let (store, _) = by_store(q)?;
+        let reference: Vec<[f64; 3]> = match self.photons {
+            Some(photons) => photons.answer(q)?.0.iter().map(|r| r.mean).collect(),
+            None => {
+                let settings = DirectSettings { paths: q.paths, albedo: q.albedo, seed: q.seed };
+                let (found, _) = direct(q.volume, q.pyramid, q.isovalue, points, &[q.light], &settings)?;
+                found.iter().flatten().map(|r| r.mean).collect()
+            }
+        };
+        let relative = store.iter().zip(&reference).map(|(a, b)| {
+            let difference = (0..3).map(|c| a[c] - b[c]).sum::<f64>() / 3.0;
+            if self.mean > 0.0 { difference / self.mean } else { 0.0 }
+        });
+        let relative = relative.collect();
+        let rounded = |v: Vec<[f64; 3]>| v.into_iter().map(|p| p.map(|c| c as f32)).collect();
+        Ok(Differences { store: rounded(store), reference: rounded(reference), relative })
+    }
 }
 
 impl Differences {

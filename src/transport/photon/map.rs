@@ -9,9 +9,11 @@ use crate::error::{Error, Result};
 use crate::geom::{Frame, Normal};
 use crate::level::{Counts, LevelField, Outcome, Pyramid, Start};
 use crate::sampling::{DirectionalSource, PathSampler, warp};
+use crate::transport::Progress;
 use crate::volume::{Sample, Volume, with_samples};
 use glam::Vec3;
 use rayon::prelude::*;
+use std::sync::atomic::Ordering;
 
 /// What a photon map is asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,7 +72,7 @@ impl PhotonSettings {
 
 /// Photons of all isovalues, in four dimensions.
 pub struct PhotonMap {
-    pub(super) tree: Tree,
+    pub(super) tree: Tree<Photon>,
     pub(super) space: Space,
     pub(super) settings: PhotonSettings,
     // Isovalues drawn from, in ranges.
@@ -107,6 +109,22 @@ impl PhotonMap {
         light: &dyn DirectionalSource,
         settings: &PhotonSettings,
     ) -> Result<Self> {
+        // Nobody else has this progress to cancel.
+        let made = Self::watched(volume, pyramid, light, settings, &Progress::default())?;
+        made.ok_or_else(|| Error::argument("photons", "cancelled", "a map", "send them out again"))
+    }
+
+    /// As [`PhotonMap::new`], while `progress` tells of photons and rays; `None` once it is cancelled.
+    ///
+    /// # Errors
+    /// As [`PhotonMap::new`].
+    pub fn watched(
+        volume: &Volume,
+        pyramid: &Pyramid,
+        light: &dyn DirectionalSource,
+        settings: &PhotonSettings,
+        progress: &Progress,
+    ) -> Result<Option<Self>> {
         settings.check()?;
         volume.check_cells()?;
         let density = IsovalueDensity::new(volume, &settings.isovalues)?;
@@ -118,7 +136,10 @@ impl PhotonMap {
             let tasks = settings.photons.div_ceil(TASK);
             for first in (0..tasks).step_by(TASKS as usize) {
                 let last = (first + TASKS).min(tasks);
-                let parts: Vec<Part> = (first..last).into_par_iter().map(|task| emission.task(task)).collect();
+                let parts: Vec<Part> = (first..last).into_par_iter().map(|task| emission.watched(task, progress)).collect();
+                if progress.cancel.load(Ordering::Relaxed) {
+                    return Ok(None);
+                }
                 let landed: usize = parts.iter().map(|p| p.photons.len()).sum();
                 make_room(&mut photons, landed, f64::from(last) / f64::from(tasks), settings.memory_limit)?;
                 for part in parts {
@@ -131,7 +152,7 @@ impl PhotonMap {
         photons.shrink_to_fit();
         let drawn = density.drawn();
         let sign = f64::from(volume.solid_sign());
-        Ok(Self { tree: Tree::new(photons), space, settings: settings.clone(), drawn, sign, energy, counts })
+        Ok(Some(Self { tree: Tree::new(photons), space, settings: settings.clone(), drawn, sign, energy, counts }))
     }
 
     /// Hits kept.
@@ -187,6 +208,7 @@ fn make_room(photons: &mut Vec<Photon>, landed: usize, done: f64, limit: u64) ->
 }
 
 /// What one task found.
+#[derive(Default)]
 struct Part {
     photons: Vec<Photon>,
     energy: PhotonEnergy,
@@ -213,8 +235,19 @@ struct Flight {
 }
 
 impl<T: Sample> Emission<'_, '_, T> {
+    /// One task, counted; nothing once `progress` is cancelled.
+    fn watched(&self, task: u32, progress: &Progress) -> Part {
+        if progress.cancel.load(Ordering::Relaxed) {
+            return Part::default();
+        }
+        let part = self.task(task);
+        progress.photons.fetch_add(u64::from(TASK.min(self.settings.photons - task * TASK)), Ordering::Relaxed);
+        progress.rays.fetch_add(part.counts.rays, Ordering::Relaxed);
+        part
+    }
+
     fn task(&self, task: u32) -> Part {
-        let mut part = Part { photons: Vec::new(), energy: PhotonEnergy::default(), counts: Counts::default() };
+        let mut part = Part::default();
         let sampler = PathSampler::new(self.settings.seed, 0, 0);
         let first = task * TASK;
         for index in first..(first + TASK).min(self.settings.photons) {

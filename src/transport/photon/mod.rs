@@ -45,5 +45,5 @@ pub use estimate::{Density, Irradiance, PhotonSearch};
 pub use isovalues::{IsovalueChoice, Isovalues};
 pub use lighting::{PhotonLight, PhotonLightSettings, photon_direct};
 pub use map::{PhotonMap, PhotonSettings};
-pub use transfer::{PhotonBake, photon_bake};
-pub(super) use tree::Nearest;
+pub use transfer::{PhotonBake, photon_bake, photon_bake_from, photon_bake_map};
+pub(super) use tree::{Nearest, Node, Tree};

@@ -1,5 +1,6 @@
 //! What is kept of a photon: 40 bytes.
 
+use super::tree::Node;
 use glam::Vec3;
 use half::f16;
 
@@ -27,6 +28,22 @@ pub(super) struct Photon {
 }
 
 const _: () = assert!(size_of::<Photon>() == 40);
+
+impl Node for Photon {
+    #[inline(always)]
+    fn point(&self) -> &[f32; 4] {
+        &self.point
+    }
+
+    #[inline(always)]
+    fn axis(&self) -> u8 {
+        self.axis
+    }
+
+    fn split_by(&mut self, axis: u8) {
+        self.axis = axis;
+    }
+}
 
 impl Photon {
     /// `normal` at the hit; `source` points to where in the environment the photon came from.

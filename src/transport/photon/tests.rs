@@ -301,6 +301,44 @@ fn the_map_does_not_depend_on_threads_and_its_settings_are_checked() {
     assert_eq!(map.energy().emitted, [0.0; 3]);
 }
 
+#[test]
+fn the_map_counts_its_photons_and_can_be_cancelled() {
+    use crate::transport::Progress;
+    use std::sync::atomic::Ordering;
+    let volume = named("bumpbox:16");
+    let pyramid = Pyramid::new(&volume);
+    let settings = PhotonSettings { photons: 300_001, albedo: [0.0; 3], ..PhotonSettings::default() };
+    let progress = Progress::default();
+    let map = PhotonMap::watched(&volume, &pyramid, &SKY, &settings, &progress).unwrap().unwrap();
+    assert_eq!(progress.photons.load(Ordering::Relaxed), 300_001);
+    assert_eq!(progress.rays.load(Ordering::Relaxed), map.counts().rays);
+    assert_eq!(map.tree.in_order(), map_of(&volume, &SKY, &settings).tree.in_order());
+    // Cancelled before: nothing is sent. Cancelled on the way, by a light that does so when asked: the tasks that began are
+    // ended, which are fewer than all of them.
+    let before = Progress::default();
+    before.cancel.store(true, Ordering::Relaxed);
+    assert!(PhotonMap::watched(&volume, &pyramid, &SKY, &settings, &before).unwrap().is_none());
+    assert_eq!(before.photons.load(Ordering::Relaxed), 0);
+    struct Cancels<'a>(&'a Progress);
+    impl DirectionalSource for Cancels<'_> {
+        fn sample(&self, u: [f32; 2]) -> Option<DirectionSample> {
+            self.0.cancel.store(true, Ordering::Relaxed);
+            SKY.sample(u)
+        }
+        fn density(&self, direction: Direction) -> f32 {
+            SKY.density(direction)
+        }
+        fn radiance(&self, direction: Direction) -> [f32; 3] {
+            SKY.radiance(direction)
+        }
+    }
+    let amid = Progress::default();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    let made = pool.install(|| PhotonMap::watched(&volume, &pyramid, &Cancels(&amid), &settings, &amid).unwrap());
+    assert!(made.is_none());
+    assert!((1..=2 * 4096).contains(&amid.photons.load(Ordering::Relaxed)), "{amid:?}");
+}
+
 /// Under a sky of radiance 1 the bowl's exitant radiance is ρ f/(1 − ρ(1−f)) with f = 1/2 (VALIDATION 13).
 #[test]
 fn photons_light_the_bowl_in_three_ways() {

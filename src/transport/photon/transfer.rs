@@ -59,11 +59,53 @@ impl DirectionalSource for Everywhere {
     }
 }
 
-/// Bakes the selected texels from a photon map, and hands out the chunks asked for as [`super::super::bake()`] does;
-/// `present` likewise. The map is the same whatever chunks are asked for, and is made anew for each call.
+/// The map that [`photon_bake_from`] reads, whatever chunks are asked of it; `None` when `progress` was cancelled.
 ///
 /// # Errors
-/// Those of [`super::super::bake()`] and of [`PhotonMap::new`]; settings with a target.
+/// As [`PhotonMap::new`]; rays that are not a power of two of at least 4; settings with a target.
+pub fn photon_bake_map(bake: &Bake<'_>, settings: &PhotonBake, progress: &Progress) -> Result<Option<PhotonMap>> {
+    check(bake)?;
+    let settings = PhotonSettings {
+        photons: settings.photons,
+        albedo: [1.0; 3],
+        gamma: settings.gamma,
+        most_bounces: bake.settings.layers.len() as u32 - 1,
+        roulette: false,
+        seed: bake.settings.seed,
+        memory_limit: settings.memory_limit,
+        ..PhotonSettings::default()
+    };
+    PhotonMap::watched(bake.volume, bake.pyramid, &Everywhere, &settings, progress)
+}
+
+/// Bakes the selected texels from the map of [`photon_bake_map`], and hands out the chunks asked for as
+/// [`super::super::bake()`] does; `present` likewise. The rays of the map are not in the summary.
+///
+/// # Errors
+/// Those of [`super::super::bake()`]; settings with a target.
+pub fn photon_bake_from(
+    bake: &Bake<'_>,
+    map: &PhotonMap,
+    chunks: &[[usize; 3]],
+    progress: &Progress,
+    present: &(dyn Fn([usize; 3]) -> Result<Option<Vec<Option<Brick>>>> + Sync),
+    sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
+) -> Result<Summary> {
+    check(bake)?;
+    let search = PhotonSearch { neighbours: bake.settings.rays + 1, ..PhotonSearch::default() };
+    with_samples!(bake.volume.samples(), s => {
+        let field = LevelField::new(bake.volume, s, bake.pyramid);
+        let estimator = |site: &Site, _: u64, scratch: &mut Scratch, _: &mut Counts, out: &mut TexelEstimate| {
+            from_photons(&field, bake, map, &search, site, &mut scratch.nearest, out);
+        };
+        run(&field, bake, &estimator, chunks, progress, present, sink)
+    })
+}
+
+/// Makes the map and bakes from it; its rays are in the summary. Where `progress` is cancelled, it ends with what it has.
+///
+/// # Errors
+/// Those of [`photon_bake_map`] and [`photon_bake_from`].
 pub fn photon_bake(
     bake: &Bake<'_>,
     settings: &PhotonBake,
@@ -72,40 +114,25 @@ pub fn photon_bake(
     present: &(dyn Fn([usize; 3]) -> Result<Option<Vec<Option<Brick>>>> + Sync),
     sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
 ) -> Result<(Summary, PhotonEnergy)> {
+    check(bake)?;
+    let nothing = || (Summary::new(&bake.settings.layers), PhotonEnergy::default());
+    if chunks.is_empty() {
+        // A volume without a surface has nothing to bake, and no isovalue to draw.
+        return Ok(nothing());
+    }
+    let Some(map) = photon_bake_map(bake, settings, progress)? else { return Ok(nothing()) };
+    let mut summary = photon_bake_from(bake, &map, chunks, progress, present, sink)?;
+    summary.counts += map.counts();
+    Ok((summary, map.energy().clone()))
+}
+
+fn check(bake: &Bake<'_>) -> Result<()> {
     bake.check()?;
     if bake.settings.target.is_some() {
         let remedy = "leave it out, or use the estimator path";
         return Err(Error::argument("target", "with the estimator photon", "none: its error has a bias", remedy));
     }
-    if chunks.is_empty() {
-        // A volume without a surface has nothing to bake, and no isovalue to draw.
-        return Ok((Summary::new(&bake.settings.layers), PhotonEnergy::default()));
-    }
-    let map = PhotonMap::new(
-        bake.volume,
-        bake.pyramid,
-        &Everywhere,
-        &PhotonSettings {
-            photons: settings.photons,
-            albedo: [1.0; 3],
-            gamma: settings.gamma,
-            most_bounces: bake.settings.layers.len() as u32 - 1,
-            roulette: false,
-            seed: bake.settings.seed,
-            memory_limit: settings.memory_limit,
-            ..PhotonSettings::default()
-        },
-    )?;
-    let search = PhotonSearch { neighbours: bake.settings.rays + 1, ..PhotonSearch::default() };
-    let mut summary = with_samples!(bake.volume.samples(), s => {
-        let field = LevelField::new(bake.volume, s, bake.pyramid);
-        let estimator = |site: &Site, _: u64, scratch: &mut Scratch, _: &mut Counts, out: &mut TexelEstimate| {
-            from_photons(&field, bake, &map, &search, site, &mut scratch.nearest, out);
-        };
-        run(&field, bake, &estimator, chunks, progress, present, sink)?
-    });
-    summary.counts += map.counts();
-    Ok((summary, map.energy().clone()))
+    Ok(())
 }
 
 /// The transfer of one texel.

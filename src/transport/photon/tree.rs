@@ -1,18 +1,28 @@
 //! A balanced tree over four coordinates, in the array of the photons itself, and exact nearest neighbours (Bentley
 //! 1975, "Multidimensional binary search trees"; balanced in place by selection, as Jensen 2001, ch. 6, does).
 
-use super::packing::Photon;
 use std::collections::BinaryHeap;
+
+/// What a tree can order.
+pub(in crate::transport) trait Node: Send {
+    /// Its coordinates.
+    fn point(&self) -> &[f32; 4];
+    /// Coordinate by which the tree splits here.
+    fn axis(&self) -> u8;
+    /// Room for that in the node, so that the tree itself takes no memory.
+    fn split_by(&mut self, axis: u8);
+}
 
 /// Stretches so short are looked through one by one: the photons of two or three cache lines.
 const LEAF: usize = 8;
 /// Stretches so long are built by two threads.
 const PARALLEL: usize = 1 << 14;
 
-/// Photons in the order of the tree: the middle one of a stretch splits the others by its coordinate `axis`.
+/// Nodes (photons, mostly) in the order of the tree: the middle one of a stretch splits the others by its coordinate
+/// `axis`.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Tree {
-    photons: Vec<Photon>,
+pub(in crate::transport) struct Tree<P> {
+    photons: Vec<P>,
 }
 
 /// The nearest photons of a query. Kept from query to query, so that nothing is allocated.
@@ -51,12 +61,12 @@ impl Nearest {
     }
 
     /// Squared distances and places, in no order.
-    pub(super) fn places(&self) -> impl Iterator<Item = (f32, usize)> {
+    pub(in crate::transport) fn places(&self) -> impl Iterator<Item = (f32, usize)> {
         self.found.iter().map(|&key| (f32::from_bits((key >> 32) as u32), (key & 0xffff_ffff) as usize))
     }
 
     /// How many were found.
-    pub(super) fn len(&self) -> usize {
+    pub(in crate::transport) fn len(&self) -> usize {
         self.found.len()
     }
 
@@ -66,19 +76,19 @@ impl Nearest {
     }
 }
 
-impl Tree {
+impl<P: Node> Tree<P> {
     /// Builds the tree in place, O(n log n) in the worst case; at most 2³² − 1 photons.
-    pub(super) fn new(mut photons: Vec<Photon>) -> Self {
+    pub(in crate::transport) fn new(mut photons: Vec<P>) -> Self {
         balance(&mut photons);
         Self { photons }
     }
 
-    pub(super) fn in_order(&self) -> &[Photon] {
+    pub(in crate::transport) fn in_order(&self) -> &[P] {
         &self.photons
     }
 
     /// The `count` nearest photons within a squared distance of `most`.
-    pub(super) fn nearest(&self, at: [f32; 4], count: usize, most: f32, nearest: &mut Nearest) {
+    pub(in crate::transport) fn nearest(&self, at: [f32; 4], count: usize, most: f32, nearest: &mut Nearest) {
         nearest.found.clear();
         (nearest.wanted, nearest.most) = (count, most);
         if count > 0 {
@@ -89,18 +99,18 @@ impl Tree {
     fn search(&self, low: usize, high: usize, at: &[f32; 4], nearest: &mut Nearest) {
         if high - low <= LEAF {
             for place in low..high {
-                nearest.offer(squared_distance(&self.photons[place].point, at), place);
+                nearest.offer(squared_distance(self.photons[place].point(), at), place);
             }
             return;
         }
         let middle = low + (high - low) / 2;
         let node = &self.photons[middle];
-        let axis = usize::from(node.axis & 3);
-        let beyond = at[axis] - node.point[axis];
+        let axis = usize::from(node.axis() & 3);
+        let beyond = at[axis] - node.point()[axis];
         let (near, far) =
             if beyond < 0.0 { ((low, middle), (middle + 1, high)) } else { ((middle + 1, high), (low, middle)) };
         self.search(near.0, near.1, at, nearest);
-        nearest.offer(squared_distance(&node.point, at), middle);
+        nearest.offer(squared_distance(node.point(), at), middle);
         // Rounding is monotone, so no distance on the far side comes out below this; equal ones may be of lower places.
         if beyond * beyond <= nearest.reach() {
             self.search(far.0, far.1, at, nearest);
@@ -114,14 +124,14 @@ pub(super) fn squared_distance(a: &[f32; 4], b: &[f32; 4]) -> f32 {
     (d[0] * d[0] + d[1] * d[1]) + (d[2] * d[2] + d[3] * d[3])
 }
 
-fn balance(photons: &mut [Photon]) {
+fn balance<P: Node>(photons: &mut [P]) {
     if photons.len() <= LEAF {
         return;
     }
     let axis = widest(photons);
     let middle = photons.len() / 2;
-    photons.select_nth_unstable_by(middle, |a, b| a.point[axis].total_cmp(&b.point[axis]));
-    photons[middle].axis = axis as u8;
+    photons.select_nth_unstable_by(middle, |a, b| a.point()[axis].total_cmp(&b.point()[axis]));
+    photons[middle].split_by(axis as u8);
     let parallel = photons.len() > PARALLEL;
     let (left, right) = photons.split_at_mut(middle);
     let right = &mut right[1..];
@@ -134,12 +144,12 @@ fn balance(photons: &mut [Photon]) {
 }
 
 /// The coordinate along which photons reach the farthest.
-fn widest(photons: &[Photon]) -> usize {
+fn widest<P: Node>(photons: &[P]) -> usize {
     let (mut low, mut high) = ([f32::INFINITY; 4], [f32::NEG_INFINITY; 4]);
     for photon in photons {
         for a in 0..4 {
-            low[a] = low[a].min(photon.point[a]);
-            high[a] = high[a].max(photon.point[a]);
+            low[a] = low[a].min(photon.point()[a]);
+            high[a] = high[a].max(photon.point()[a]);
         }
     }
     (0..4).fold(0, |best, a| if high[a] - low[a] > high[best] - low[best] { a } else { best })

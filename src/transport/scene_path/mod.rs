@@ -11,11 +11,13 @@ mod estimate;
 mod glass;
 mod photons;
 mod reference;
+mod sites;
 mod world;
 
 pub use bake::{GroupBricks, SceneBake, SceneSummary, bake_scene, pilot_scene};
 pub use photons::{PowerBalance, trace_photons};
 pub use reference::{SceneReference, scene_radiance};
+pub use sites::{LevelSite, site_radiance};
 pub use world::SceneCounts;
 
 use crate::scene::geometry::{Geometry, LuminaireShape};

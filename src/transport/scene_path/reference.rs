@@ -10,7 +10,7 @@ use super::glass;
 use super::world::{Met, Origin, Place, SceneCounts, World};
 use crate::error::{Error, Result};
 use crate::geom::{Direction, Frame, Normal};
-use crate::level::{Counts, LevelField, Pyramid, Start};
+use crate::level::{CellPoint, Counts, LevelField, Pyramid, Start};
 use crate::sampling::{DirectionalSource, PathSampler, warp};
 use crate::scene::geometry::{Finish, Geometry};
 use crate::volume::{Sample, Volume, with_samples};
@@ -38,6 +38,18 @@ pub struct SceneReference {
     pub seed: u64,
 }
 
+impl SceneReference {
+    pub(super) fn check(&self) -> Result<()> {
+        if !self.paths.is_power_of_two() || self.paths < REPLICATES as u32 {
+            return Err(Error::argument("paths", self.paths, "a power of two, at least 4", "256 is a good reference"));
+        }
+        if !self.albedo.iter().all(|a| (0.0..=1.0).contains(a)) {
+            return Err(Error::argument("albedo", format!("{:?}", self.albedo), "numbers from 0 to 1", "give less"));
+        }
+        Ok(())
+    }
+}
+
 /// Turns after which roulette begins.
 const SURE_TURNS: u32 = 4;
 /// A path of albedo 1 in a closed room would never end: after this many turns it is cut.
@@ -60,12 +72,7 @@ pub fn scene_radiance(
     environment: Option<&dyn DirectionalSource>,
     settings: &SceneReference,
 ) -> Result<(Vec<Option<Radiance>>, SceneCounts)> {
-    if !settings.paths.is_power_of_two() || settings.paths < REPLICATES as u32 {
-        return Err(Error::argument("paths", settings.paths, "a power of two, at least 4", "256 is a good reference"));
-    }
-    if !settings.albedo.iter().all(|a| (0.0..=1.0).contains(a)) {
-        return Err(Error::argument("albedo", format!("{:?}", settings.albedo), "numbers from 0 to 1", "give less"));
-    }
+    settings.check()?;
     volume.check_cells()?;
     let raw = volume.raw_from_value(isovalue) as f32;
     let each: Vec<(Option<Radiance>, SceneCounts)> = with_samples!(volume.samples(), s => {
@@ -84,22 +91,40 @@ pub fn scene_radiance(
     Ok((each.into_iter().map(|(radiance, _)| radiance).collect(), counts))
 }
 
-struct Tracer<'a, T> {
-    world: World<'a, T>,
-    isovalue: f32,
-    environment: Option<&'a dyn DirectionalSource>,
-    settings: &'a SceneReference,
+pub(super) struct Tracer<'a, T> {
+    pub(super) world: World<'a, T>,
+    pub(super) isovalue: f32,
+    pub(super) environment: Option<&'a dyn DirectionalSource>,
+    pub(super) settings: &'a SceneReference,
 }
 
 impl<T: Sample> Tracer<'_, T> {
     fn along(&self, origin: DVec3, direction: DVec3, item: u64, counts: &mut SceneCounts) -> Option<Radiance> {
         let origin = self.first_origin(origin, direction, counts)?;
+        Some(self.mean(origin, direction, None, item, counts))
+    }
+
+    /// Radiance that leaves a point of the level set, towards anywhere: it is diffuse.
+    pub(super) fn leaving(&self, at: CellPoint, item: u64, counts: &mut SceneCounts) -> Radiance {
+        let origin = self.world.on_level(Start::on(at));
+        self.mean(origin, DVec3::Z, Some(at), item, counts)
+    }
+
+    /// Over the paths of all replicates; they start as if the first thing met were `first`.
+    fn mean(
+        &self,
+        origin: Origin,
+        direction: DVec3,
+        first: Option<CellPoint>,
+        item: u64,
+        counts: &mut SceneCounts,
+    ) -> Radiance {
         let each = self.settings.paths / REPLICATES as u32;
         let mut means = [[0.0; 3]; REPLICATES];
         for (replicate, mean) in means.iter_mut().enumerate() {
             let sampler = PathSampler::new(self.settings.seed, item, replicate as u32);
             for path in 0..each {
-                let found = self.path(origin, direction, &sampler, path, counts);
+                let found = self.path(origin, direction, first, &sampler, path, counts);
                 (0..3).for_each(|c| mean[c] += found[c] / f64::from(each));
             }
         }
@@ -110,7 +135,7 @@ impl<T: Sample> Tracer<'_, T> {
             let variance = spread / (REPLICATES * (REPLICATES - 1)) as f64;
             (out.mean[c], out.stderr[c]) = (mean, variance.sqrt());
         }
-        Some(out)
+        out
     }
 
     /// Where the ray starts once it has passed the backs that it sees through; `None` if it meets nothing.
@@ -137,6 +162,7 @@ impl<T: Sample> Tracer<'_, T> {
         &self,
         mut origin: Origin,
         mut direction: DVec3,
+        mut first: Option<CellPoint>,
         sampler: &PathSampler,
         path: u32,
         counts: &mut SceneCounts,
@@ -158,7 +184,11 @@ impl<T: Sample> Tracer<'_, T> {
             let add = |found: &mut [f64; 3], weight: &[f64; 3], light: [f64; 3], factor: f64| {
                 (0..3).for_each(|c| found[c] += weight[c] * light[c] * factor);
             };
-            let (place, normal, albedo) = match self.world.meet(self.isovalue, &origin, direction, level, counts) {
+            let met = match first.take() {
+                Some(cell) => Met::Level(cell, 0.0),
+                None => self.world.meet(self.isovalue, &origin, direction, level, counts),
+            };
+            let (place, normal, albedo) = match met {
                 Met::Nothing => {
                     if let (Some(light), Some(to)) = (self.environment, Direction::new(direction.as_vec3())) {
                         add(&mut found, &weight, light.radiance(to).map(f64::from), 1.0);
