@@ -11,6 +11,7 @@ use super::{Failure, Outcome, forecast, output, replay, text};
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::relight::Material;
+use crate::study::model::ENOUGH;
 use crate::transfer::Layout;
 use crate::transfer::store::Store;
 use crate::volume::Volume;
@@ -53,7 +54,7 @@ pub(super) struct Bake {
     /// Albedo under that environment
     #[arg(long, value_name = "RHO", default_value_t = 0.7, requires = "for_env")]
     albedo: f32,
-    /// Choose texture and rays by a pilot, so that the bake is as exact as this time allows; see plan --time
+    /// Choose texture and rays, up to 4096, by a pilot, so that the bake is as exact as this time allows; see plan --time
     #[arg(long, value_name = "TIME", value_parser = parse_time,
         conflicts_with_all = ["time", "error", "rays", "texture", "chunks", "replay_texel"])]
     auto: Option<Duration>,
@@ -93,12 +94,9 @@ impl Bake {
         }
         let geometry = opened.geometry.as_ref();
         let mut transfer = self.bake.transfer.clone();
-        if let Some(time) = self.auto {
-            if geometry.is_some() {
-                let expected = "a volume without walls and luminaires";
-                let found = "a scene that has them";
-                return Err(crate::Error::argument("--auto", found, expected, "give a number of --rays").into());
-            }
+        let is_empty = self.is_empty(volume)?;
+        if let (Some(time), false) = (self.auto, is_empty) {
+            forecast::check("--auto", geometry.is_some(), self.bake.estimator)?;
             let chosen = self.bake.isovalues(volume, opened.default_isovalue, scene)?;
             let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
             (transfer.texture, transfer.rays) =
@@ -113,7 +111,7 @@ impl Bake {
             }
             return replay::run(volume, &layout, &settings, texel, console);
         }
-        let chosen = if self.is_empty(volume)? {
+        let chosen = if is_empty {
             console.note("every sample is the same: no surface, the store is empty");
             None
         } else {
@@ -221,9 +219,10 @@ impl Bake {
             return Err(Failure::Message(message.into()));
         };
         console.note(format!(
-            "--texture {} --rays {}: about {}, error {} of the radiance of isovalue {} under {name} (in the bands of the texture)",
+            "--texture {} --rays {}{}: about {}, error {} of the radiance of isovalue {} under {name} (in the bands of the texture)",
             weighed.ratio,
             found.rays,
+            if found.rays == ENOUGH { " (a reference; more only by --rays)" } else { "" },
             text::duration(Duration::from_secs_f64(found.seconds / threads)),
             text::percent(found.error),
             text::number(isovalue, 6)

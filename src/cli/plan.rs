@@ -8,7 +8,6 @@ use super::light::open_probe;
 use super::options::BakeArgs;
 use super::scene::SceneFile;
 use super::{Outcome, forecast, text};
-use crate::error::Error;
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::scene;
@@ -92,11 +91,7 @@ impl Plan {
         ));
         let mut json = serde_json::to_value(&plan).unwrap_or_default();
         if self.time.is_some() || self.bake.transfer.error.is_some() {
-            if job.geometry.is_some() {
-                let expected = "a volume without walls and luminaires";
-                let found = "a scene that has them";
-                return Err(Error::argument("--time and --error", found, expected, "give a number of --rays").into());
-            }
+            forecast::check("--time and --error", job.geometry.is_some(), job.estimator)?;
             json["forecast"] = self.forecast(&job, &pyramid, opened.default_isovalue, seed, console)?;
         }
         console.print_json(&json);

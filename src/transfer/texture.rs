@@ -1,7 +1,7 @@
 //! A transfer texture in memory: what a bake fills before it writes, and what tests and previews
 //! read without a disk.
 
-use super::{BRICK_TEXELS, Brick, BrickSource, BrickView, Layers, Layout};
+use super::{BRICK, BRICK_TEXELS, Brick, BrickSource, BrickView, CHUNK, Layers, Layout};
 use crate::error::{Error, Result};
 
 /// A transfer texture held in memory.
@@ -47,6 +47,21 @@ impl MemoryTexture {
         check_brick(&brick, &self.layout.layers)?;
         let slot = brick_slot(&self.layout, index)?;
         Ok(self.bricks[slot].replace(brick))
+    }
+
+    /// Puts the bricks of a chunk, x fastest, into their places; those that are `None` leave what was there.
+    ///
+    /// # Errors
+    /// As [`MemoryTexture::insert`].
+    pub fn insert_chunk(&mut self, chunk: [usize; 3], bricks: Vec<Option<Brick>>) -> Result<()> {
+        const SIDE: usize = CHUNK / BRICK;
+        for (i, brick) in bricks.into_iter().enumerate() {
+            let inner = [i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE];
+            if let Some(brick) = brick {
+                self.insert(std::array::from_fn(|a| chunk[a] * SIDE + inner[a]), brick)?;
+            }
+        }
+        Ok(())
     }
 
     /// Takes the brick at a brick index out of the texture.
