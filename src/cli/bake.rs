@@ -1,6 +1,6 @@
 //! `isolume bake`: fills a transfer store.
 
-use super::baking::{self, ForLight, Goal, Hints, Job, Share, fill, layout_of_scene, parse_time, size_on_disk};
+use super::baking::{self, ForLight, Goal, Job, Share, fill, layout_of_scene, parse_time, size_on_disk};
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::Isovalue;
@@ -123,27 +123,12 @@ impl Bake {
             }
         }
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
-        let memory_limit = self.bake.transfer.memory_limit;
-        let goal = Goal { error: self.bake.transfer.error, light: self.light(volume, &layout)?, time: self.time };
-        let (label, estimator, share) = (&opened.label, self.bake.estimator, self.chunks);
-        let mut hints = Hints::of_scene(scene, volume.value_range(), isovalues.as_deref());
-        hints.shown = self.verbose;
-        let effects = &self.bake.transfer.effects();
-        let job = Job {
-            volume,
-            label,
-            layout,
-            settings,
-            goal,
-            estimator,
-            isovalues,
-            share,
-            memory_limit,
-            start,
-            effects,
-            hints,
-            geometry,
-        };
+        let light = self.light(volume, &layout)?;
+        let effects = self.bake.transfer.effects();
+        let mut job = Job::of_options(&opened, scene, &self.bake, isovalues, layout, settings, &effects);
+        job.goal = Goal { light, time: self.time, ..job.goal };
+        job.hints.shown = self.verbose;
+        (job.share, job.start) = (self.chunks, start);
         job.check_memory()?;
         let Some(path) = &self.output else {
             return Err(Failure::Message("the output is missing: give -o X.isolume".into()));

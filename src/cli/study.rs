@@ -432,10 +432,13 @@ fn notes(bench: &Bench<'_>, references: &References, texels: u64, spread: [f64; 
         "texture ½, ¼: so many texels to a sample of the volume along each axis, else 1.".into(),
         format!("Layers of {} bands, albedo {albedo}, unless a curve says otherwise.", BANDS.map(|b| b.to_string()).join(", ")),
         format!(
-            "Seconds: of {} threads together, for {} texels at texture 1; bakes that were repeated differed by {} (wall clock: {}).",
+            "Processor seconds: {} threads together, for {} texels at texture 1. Repeated bakes differed by {}",
             rayon::current_num_threads(),
             text::count(texels),
             text::percent(spread[1]),
+        ),
+        format!(
+            "(wall clock: {}). Bits: f16 is what stores hold, 8 bits with a scale to each coefficient the page in one file.",
             text::percent(spread[0])
         ),
     ]

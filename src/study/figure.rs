@@ -142,7 +142,7 @@ pub fn svg(marks: &[Mark], caption: &Caption) -> String {
     beside::times(&mut out, marks);
     beside::kept(&mut out, &caption.kept);
     for (i, note) in caption.notes.iter().enumerate() {
-        text(&mut out, "soft small", [24.0, 574.0 + 18.0 * i as f64], "start", note);
+        text(&mut out, "soft small", [24.0, 566.0 + 17.0 * i as f64], "start", note);
     }
     out.push_str("</svg>\n");
     out

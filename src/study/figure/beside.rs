@@ -9,11 +9,14 @@ const LEFT: f64 = 764.0;
 /// The bars: left, top, right, bottom.
 const BARS: [f64; 4] = [824.0, 96.0, 1096.0, 270.0];
 
+/// Bars that have room.
+const MOST_BARS: usize = 8;
+
 /// Rows of the budget of the transport alone, what they are, and their colours: those of Okabe and Ito (2008), told apart
 /// by the colour-blind.
 const SHARES: [(&str, &str, &str); 5] = [
-    ("interpolation", "interpolation between texels", "#0072B2"),
-    ("layers", "bounces and bands not stored", "#009E73"),
+    ("interpolation", "interpolating texels", "#0072B2"),
+    ("layers", "layers not stored", "#009E73"),
     ("noise", "noise of the rays", "#E69F00"),
     ("bias", "bias of the estimator", "#D55E00"),
     ("rounding", "rounding to 16 bits", "#999999"),
@@ -22,7 +25,10 @@ const SHARES: [(&str, &str, &str); 5] = [
 /// What the error is made of along the front.
 pub(super) fn bars(out: &mut String, marks: &[Mark]) {
     let [left, top, right, bottom] = BARS;
-    let chosen = on_front(marks);
+    let front = on_front(marks);
+    // What has room, the ends among them.
+    let count = front.len().min(MOST_BARS);
+    let chosen: Vec<usize> = (0..count).map(|i| front[i * (front.len() - 1) / (count - 1).max(1)]).collect();
     text(out, "ink", [LEFT, top - 34.0], "start", "What the error is made of, along the grey line");
     text(out, "soft small", [LEFT, top - 16.0], "start", "(shares of the mean square; cheapest bake first)");
     for (words, y) in [("100 %", top + 8.0), ("0 %", bottom), ("seconds", bottom + 17.0), ("error, %", bottom + 33.0)] {
