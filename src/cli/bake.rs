@@ -200,8 +200,13 @@ impl Bake {
         let threads = rayon::current_num_threads() as f64;
         let left = (RESERVED * time.as_secs_f64() - start.elapsed().as_secs_f64()).max(0.0);
         let Some((weighed, found)) = forecast::best_within(&all, left * threads) else {
-            let message = "not enough time for the least that makes sense: give more --auto, or choose --isovalues";
-            return Err(Failure::Message(message.into()));
+            let message = format!(
+                "not enough time for the least that makes sense: the pilot alone took {} of {}; give more --auto, or \
+                 choose --isovalues",
+                text::duration(start.elapsed()),
+                text::duration(time)
+            );
+            return Err(Failure::Message(message));
         };
         console.note(format!(
             "--texture {} --rays {}{}: about {}, error {} of the radiance of isovalue {} under {name} (in the bands of the texture)",
@@ -243,6 +248,17 @@ const RESERVED: f64 = 0.9;
 
 /// Refuses an output that cannot become a store, before any work.
 fn check_output(path: &Path) -> Outcome {
+    const OTHERS: [&str; 9] = ["glb", "gltf", "ply", "png", "vti", "nrrd", "raw", "html", "toml"];
+    if let Some(ending) = path.extension().filter(|e| OTHERS.iter().any(|other| e.eq_ignore_ascii_case(other))) {
+        let store = path.with_extension("isolume");
+        let found = format!("{}, named as a .{} is", path.display(), ending.display());
+        let expected = "a name for a transfer store, which is a directory";
+        let remedy = format!(
+            "bake with -o {0}; relight, export and view make files of it: isolume relight {0} …",
+            store.display()
+        );
+        return Err(crate::Error::argument("output", found, expected, remedy).into());
+    }
     if path.symlink_metadata().is_err() {
         return Ok(output::check_folder(path)?);
     }
