@@ -5,7 +5,7 @@ use isolume::geom::Up;
 use isolume::level::{Counts, LevelField, Outcome, Pyramid, Start};
 use isolume::probe::{self, Orientation, Probe, SunOptions, split_sun};
 use isolume::relight::{Light, Material, contract, prepare, texels_of_isosurface};
-use isolume::render::{Camera, Projection, RenderOptions, SunLight, View, render, render_with_suns, sun_visibility};
+use isolume::render::{Camera, Projection, RenderOptions, Subject, SunLight, View, render, sun_visibility};
 use isolume::sampling::{DirectionalSource, PathSampler};
 use isolume::sh::{Window, basis};
 use isolume::surface::{Mesh, extract_with_normals};
@@ -323,11 +323,12 @@ fn previews_show_the_shadow_of_a_split_sun() {
     let options = RenderOptions { width: 64, height: 64, supersampling: 1 };
     let towards = DVec3::new(0.6, 0.0, 0.8);
     let sun = SunLight { direction_in_world: towards, angular_radius: 0.005, flux: [2.0; 3], rays: 4 };
-    let dark = render(volume, &scene.pyramid, 0.0, &contracted, &black, &material, &camera, &options);
+    let (pyramid, contracted) = (&scene.pyramid, &contracted);
+    let subject = Subject { volume, pyramid, isovalue: 0.0, contracted, light: &black, material: &material };
+    let dark = render(&subject, &[], None, &camera, &options);
     let suns = [sun; 2];
-    let one =
-        render_with_suns(volume, &scene.pyramid, 0.0, &contracted, &black, &material, &camera, &options, &suns[..1]);
-    let two = render_with_suns(volume, &scene.pyramid, 0.0, &contracted, &black, &material, &camera, &options, &suns);
+    let one = render(&subject, &suns[..1], None, &camera, &options);
+    let two = render(&subject, &suns, None, &camera, &options);
     assert!(dark.pixels.iter().all(|p| p[..3] == [0.0; 3]));
     // On the open plane ρ/π · flux · 0.8; in the shadow, a disk of radius 0.5 in a plane of 3 × 3, nothing.
     let open = 0.5 / std::f32::consts::PI * 2.0 * 0.8;

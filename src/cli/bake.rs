@@ -1,6 +1,6 @@
 //! `isolume bake`: fills a transfer store.
 
-use super::baking::{self, ForLight, Goal, Hints, Job, Share, fill, layout_of_scene, parse_time, size_on_disk};
+use super::baking::{self, ForLight, Goal, Job, Share, fill, layout_of_scene, parse_time, size_on_disk};
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::Isovalue;
@@ -11,6 +11,7 @@ use super::{Failure, Outcome, forecast, output, replay, text};
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::relight::Material;
+use crate::study::model::ENOUGH;
 use crate::transfer::Layout;
 use crate::transfer::store::Store;
 use crate::volume::Volume;
@@ -53,7 +54,7 @@ pub(super) struct Bake {
     /// Albedo under that environment
     #[arg(long, value_name = "RHO", default_value_t = 0.7, requires = "for_env")]
     albedo: f32,
-    /// Choose texture and rays by a pilot, so that the bake is as exact as this time allows; see plan --time
+    /// Choose texture and rays, up to 4096, by a pilot, so that the bake is as exact as this time allows; see plan --time
     #[arg(long, value_name = "TIME", value_parser = parse_time,
         conflicts_with_all = ["time", "error", "rays", "texture", "chunks", "replay_texel"])]
     auto: Option<Duration>,
@@ -93,12 +94,9 @@ impl Bake {
         }
         let geometry = opened.geometry.as_ref();
         let mut transfer = self.bake.transfer.clone();
-        if let Some(time) = self.auto {
-            if geometry.is_some() {
-                let expected = "a volume without walls and luminaires";
-                let found = "a scene that has them";
-                return Err(crate::Error::argument("--auto", found, expected, "give a number of --rays").into());
-            }
+        let is_empty = self.is_empty(volume)?;
+        if let (Some(time), false) = (self.auto, is_empty) {
+            forecast::check("--auto", geometry.is_some(), self.bake.estimator)?;
             let chosen = self.bake.isovalues(volume, opened.default_isovalue, scene)?;
             let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
             (transfer.texture, transfer.rays) =
@@ -113,7 +111,7 @@ impl Bake {
             }
             return replay::run(volume, &layout, &settings, texel, console);
         }
-        let chosen = if self.is_empty(volume)? {
+        let chosen = if is_empty {
             console.note("every sample is the same: no surface, the store is empty");
             None
         } else {
@@ -125,27 +123,12 @@ impl Bake {
             }
         }
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
-        let memory_limit = self.bake.transfer.memory_limit;
-        let goal = Goal { error: self.bake.transfer.error, light: self.light(volume, &layout)?, time: self.time };
-        let (label, estimator, share) = (&opened.label, self.bake.estimator, self.chunks);
-        let mut hints = Hints::of_scene(scene, volume.value_range(), isovalues.as_deref());
-        hints.shown = self.verbose;
-        let effects = &self.bake.transfer.effects();
-        let job = Job {
-            volume,
-            label,
-            layout,
-            settings,
-            goal,
-            estimator,
-            isovalues,
-            share,
-            memory_limit,
-            start,
-            effects,
-            hints,
-            geometry,
-        };
+        let light = self.light(volume, &layout)?;
+        let effects = self.bake.transfer.effects();
+        let mut job = Job::of_options(&opened, scene, &self.bake, isovalues, layout, settings, &effects);
+        job.goal = Goal { light, time: self.time, ..job.goal };
+        job.hints.shown = self.verbose;
+        (job.share, job.start) = (self.chunks, start);
         job.check_memory()?;
         let Some(path) = &self.output else {
             return Err(Failure::Message("the output is missing: give -o X.isolume".into()));
@@ -217,13 +200,19 @@ impl Bake {
         let threads = rayon::current_num_threads() as f64;
         let left = (RESERVED * time.as_secs_f64() - start.elapsed().as_secs_f64()).max(0.0);
         let Some((weighed, found)) = forecast::best_within(&all, left * threads) else {
-            let message = "not enough time for the least that makes sense: give more --auto, or choose --isovalues";
-            return Err(Failure::Message(message.into()));
+            let message = format!(
+                "not enough time for the least that makes sense: the pilot alone took {} of {}; give more --auto, or \
+                 choose --isovalues",
+                text::duration(start.elapsed()),
+                text::duration(time)
+            );
+            return Err(Failure::Message(message));
         };
         console.note(format!(
-            "--texture {} --rays {}: about {}, error {} of the radiance of isovalue {} under {name} (in the bands of the texture)",
+            "--texture {} --rays {}{}: about {}, error {} of the radiance of isovalue {} under {name} (in the bands of the texture)",
             weighed.ratio,
             found.rays,
+            if found.rays == ENOUGH { " (a reference; more only by --rays)" } else { "" },
             text::duration(Duration::from_secs_f64(found.seconds / threads)),
             text::percent(found.error),
             text::number(isovalue, 6)
@@ -259,6 +248,17 @@ const RESERVED: f64 = 0.9;
 
 /// Refuses an output that cannot become a store, before any work.
 fn check_output(path: &Path) -> Outcome {
+    const OTHERS: [&str; 9] = ["glb", "gltf", "ply", "png", "vti", "nrrd", "raw", "html", "toml"];
+    if let Some(ending) = path.extension().filter(|e| OTHERS.iter().any(|other| e.eq_ignore_ascii_case(other))) {
+        let store = path.with_extension("isolume");
+        let found = format!("{}, named as a .{} is", path.display(), ending.display());
+        let expected = "a name for a transfer store, which is a directory";
+        let remedy = format!(
+            "bake with -o {0}; relight, export and view make files of it: isolume relight {0} …",
+            store.display()
+        );
+        return Err(crate::Error::argument("output", found, expected, remedy).into());
+    }
     if path.symlink_metadata().is_err() {
         return Ok(output::check_folder(path)?);
     }

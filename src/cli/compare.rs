@@ -4,7 +4,7 @@ mod photon;
 mod picture;
 
 use super::console::Console;
-use super::info::is_store;
+use super::info::check_store;
 use super::isovalue::Isovalue;
 use super::light::{open_probe, parse_triple};
 use super::surface::Surface;
@@ -83,10 +83,7 @@ struct Row {
 
 impl Compare {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
-        if !is_store(&self.input) {
-            let expected = "a transfer store; `isolume bake` makes one, `isolume relight` keeps one in its cache";
-            return Err(Error::argument("input", &self.input, expected, "bake the volume first").into());
-        }
+        check_store(&self.input)?;
         let store = Store::open(&self.input)?;
         let volume = store.volume()?;
         let identity = store.identity();

@@ -1,6 +1,6 @@
 //! `isolume demo`: the whole way from a volume to lit surfaces, without any file.
 
-use super::baking::{Estimator, Goal, Hints, Job, fill, size_on_disk};
+use super::baking::{Job, fill, size_on_disk};
 use super::console::Console;
 use super::isovalue::Isovalue;
 use super::relight::{Relight, Relit};
@@ -154,21 +154,8 @@ fn bake(volume: &Volume, store: &Path, seed: u64, console: &Console) -> Outcome<
         .iter()
         .map(|&c| Isovalue::Value(c).resolve(volume, None).map(|c| c.value))
         .collect::<Result<_, _>>()?;
-    let job = Job {
-        volume,
-        label: VOLUME_NAME,
-        layout,
-        settings,
-        goal: Goal::default(),
-        estimator: Estimator::Path,
-        isovalues: Some(isovalues),
-        share: None,
-        memory_limit: None,
-        start,
-        effects: &Effects::default(),
-        hints: Hints::default(),
-        geometry: None,
-    };
+    let effects = Effects::default();
+    let job = Job { isovalues: Some(isovalues), start, ..Job::new(volume, VOLUME_NAME, layout, settings, &effects) };
     let (_, report) = fill(&job, store, console)?;
     let bytes = size_on_disk(store);
     Ok((report.lines(bytes), report.json(bytes), start.elapsed().as_secs_f64()))

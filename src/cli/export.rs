@@ -1,7 +1,7 @@
 //! `isolume export`: the relit texture as a volume for other programs.
 
 use super::console::Console;
-use super::info::is_store;
+use super::info::check_store;
 use super::light::{LightArgs, MaterialArgs, open_probe};
 use super::output::check_file;
 use super::{Outcome, text};
@@ -133,10 +133,7 @@ impl Export {
 
     /// Refuses what cannot be done before any work.
     fn check(&self) -> Outcome<Format> {
-        if !is_store(&self.input) {
-            let expected = "a transfer store; `isolume bake` makes one";
-            return Err(Error::argument("input", &self.input, expected, "bake the volume first").into());
-        }
+        check_store(&self.input)?;
         if self.light.sun_split {
             let remedy = "leave it out: a sun's sharp shadows are not in the texture";
             return Err(Error::argument("--sun-split", "with export", "light that the texture holds", remedy).into());

@@ -1,8 +1,10 @@
 //! What a bake will take and give: a short pilot on the user's own volume, for textures of several resolutions.
 
-use super::baking::spread;
+use super::baking::{Estimator, spread};
+use super::options::texel_bytes;
 use super::surface::Surface;
 use super::{Outcome, text};
+use crate::error::Error;
 use crate::level::Pyramid;
 use crate::probe::{Orientation, Probe};
 use crate::study::Study;
@@ -45,9 +47,16 @@ pub(super) struct Weighed {
     pub(super) bytes: u64,
 }
 
-/// Bytes of a stored texel: coefficients, standard errors, validity, rays.
-pub(super) fn bytes_of_texel(layers: &Layers) -> u64 {
-    (2 * layers.coefficients() + 2 * layers.errors() + 1 + 4) as u64
+/// Refuses what the pilot knows nothing of: `option` asks, of a scene or of a volume alone.
+pub(super) fn check(option: &str, is_scene: bool, estimator: Estimator) -> Result<(), Error> {
+    let refuse = |found: &str, expected| Err(Error::argument(option, found, expected, "give a number of --rays"));
+    match estimator {
+        _ if is_scene => refuse("a scene with walls or luminaires", "a volume without them"),
+        Estimator::Path => Ok(()),
+        // Their texels depend on all others: a pilot would be the whole bake.
+        Estimator::Gather => refuse("--estimator gather", "the estimator path, which alone is forecast"),
+        Estimator::Photon => refuse("--estimator photon", "the estimator path, which alone is forecast"),
+    }
 }
 
 /// A pilot for each of `ratios`; `selected` gives the texels that a bake on a lattice needs.
@@ -57,10 +66,8 @@ pub(super) fn pilots(
     selected: &dyn Fn(Lattice) -> Selection,
 ) -> Outcome<Vec<Weighed>> {
     let q = question;
-    let lattices = ratios
-        .iter()
-        .map(|&ratio| Lattice::from_ratio(q.volume.dims(), ratio))
-        .collect::<Result<Vec<_>, crate::Error>>()?;
+    let lattices =
+        ratios.iter().map(|&ratio| Lattice::from_ratio(q.volume.dims(), ratio)).collect::<Result<Vec<_>, Error>>()?;
     let surface = Surface::new(q.volume, q.pyramid, lattices[0], q.isovalue)?;
     let points = surface.random_points(POINTS, q.seed ^ 0x70);
     let source = q.probe.source(q.orientation);
@@ -97,7 +104,7 @@ pub(super) fn pilots(
         }
         let texels = selection.len();
         let pilot = Pilot { rays: RAYS, seconds_per_texel, accuracy, texels };
-        all.push(Weighed { ratio, pilot, bytes: texels * bytes_of_texel(q.layers) });
+        all.push(Weighed { ratio, pilot, bytes: texels * texel_bytes(q.layers) });
     }
     Ok(all)
 }

@@ -4,10 +4,11 @@ use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::{Isovalue, overview};
 use super::{Outcome, baking, input, options, text};
+use crate::error::{Error, Result};
 use crate::relight::texels_of_isosurface;
 use crate::transfer::store::{Holdings, Store};
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, Selection};
-use crate::volume::{LengthUnit, Solid, Volume};
+use crate::volume::{LengthUnit, Solid, Volume, field};
 use serde_json::json;
 use std::path::Path;
 
@@ -145,7 +146,7 @@ struct Estimate {
 }
 
 impl Estimate {
-    fn new(volume: &Volume, isovalue: f64) -> crate::Result<Self> {
+    fn new(volume: &Volume, isovalue: f64) -> Result<Self> {
         let lattice = Lattice::from_ratio(volume.dims(), 1.0)?;
         let layout = Layout { lattice, layers: Layers::uniform(4, 5)? };
         let texel = options::texel_bytes(&layout.layers);
@@ -163,6 +164,19 @@ impl Estimate {
 pub(super) fn is_store(argument: &str) -> bool {
     let path = Path::new(argument);
     path.is_dir() || (path.is_file() && argument.ends_with(".isolume")) || argument.ends_with(".isolume.zip")
+}
+
+/// Refuses what is no store.
+pub(super) fn check_store(argument: &str) -> Result<()> {
+    if is_store(argument) {
+        return Ok(());
+    }
+    if !Path::new(argument).exists() && field::by_name(argument).is_ok_and(|found| found.is_none()) {
+        return Err(input::missing_store(argument));
+    }
+    let remedy = format!("bake the volume first: isolume bake {argument} -o NAME.isolume");
+    let expected = "a transfer store; `isolume bake` makes one, `isolume relight` keeps one in its cache";
+    Err(Error::argument("input", argument, expected, remedy))
 }
 
 /// The isovalues of a store as text.

@@ -99,20 +99,42 @@ fn open_file(argument: &str, args: &VolumeArgs) -> Result<Volume> {
 
 /// The error for a volume that is not there, with the name that may have been meant.
 fn missing(argument: &str) -> Error {
+    if names_store(argument) {
+        return missing_store(argument);
+    }
     let name = argument.split(':').next().unwrap_or(argument);
-    let path = Path::new(argument);
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let beside: Vec<String> = std::fs::read_dir(folder)
-        .map(|entries| entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect())
-        .unwrap_or_default();
     let remedy = if let Some(near) = text::nearest(name, field::NAMES) {
         format!("did you mean the field {near}?")
-    } else if let Some(near) = text::nearest(&file_name(argument), beside.iter().map(String::as_str)) {
-        format!("did you mean {}?", path.with_file_name(near).display())
+    } else if let Some(near) = nearest_beside(argument, |_| true) {
+        format!("did you mean {near}?")
     } else {
         format!("check the path, or name a field: {}", field::NAMES.join(", "))
     };
     Error::argument("volume", argument, "a volume file that exists, or the name of a field", remedy)
+}
+
+/// The error for a store that is not there.
+pub(super) fn missing_store(argument: &str) -> Error {
+    let remedy = match nearest_beside(argument, names_store) {
+        Some(near) => format!("did you mean {near}?"),
+        None => "check the path, or bake one: isolume bake VOLUME -o NAME.isolume".into(),
+    };
+    Error::argument("store", argument, "a transfer store that exists", remedy)
+}
+
+/// Whether a name is that of a store.
+fn names_store(name: &str) -> bool {
+    name.ends_with(".isolume") || name.ends_with(".isolume.zip")
+}
+
+/// What lies beside a path that is not there, has a similar name and is `wanted`.
+fn nearest_beside(argument: &str, wanted: impl Fn(&str) -> bool) -> Option<String> {
+    let path = Path::new(argument);
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let beside = std::fs::read_dir(folder).ok()?.flatten().map(|e| e.file_name().to_string_lossy().into_owned());
+    let beside: Vec<String> = beside.filter(|name| wanted(name)).collect();
+    let near = text::nearest(&file_name(argument), beside.iter().map(String::as_str))?;
+    Some(path.with_file_name(near).display().to_string())
 }
 
 /// The last part of a path.

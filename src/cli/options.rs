@@ -7,7 +7,8 @@ use super::text;
 use crate::error::{Error, Result};
 use crate::scene::{EffectSwitch, Effects};
 use crate::sh::MAX_BANDS;
-use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, MAX_LAYERS};
+use crate::transfer::precision::bytes_of_texel;
+use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, MAX_LAYERS, Precision};
 use crate::transport::{REPLICATES, Settings};
 use crate::volume::{Shadowing, Volume};
 
@@ -202,7 +203,7 @@ pub(super) fn in_scene(error: Error, scene: Option<&SceneFile>, isovalue: &Isova
 
 /// Bytes of one texel in a store.
 pub(super) fn texel_bytes(layers: &Layers) -> u64 {
-    (2 * layers.coefficients() + 2 * layers.errors() + 1 + 4) as u64
+    bytes_of_texel(layers, Precision::Half) as u64
 }
 
 /// Chunks that a bake holds at a time, and twice that while they are copied into their files.

@@ -1,6 +1,6 @@
 //! `isolume plan`: what a bake would simulate, and why.
 
-use super::baking::{Goal, Hints, Job, layout_of_scene, parse_time};
+use super::baking::{Job, layout_of_scene, parse_time};
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::isovalue::Isovalue;
@@ -8,12 +8,11 @@ use super::light::open_probe;
 use super::options::BakeArgs;
 use super::scene::SceneFile;
 use super::{Outcome, forecast, text};
-use crate::error::Error;
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::scene;
 use serde_json::{Value, json};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Show which effects a bake needs, with the reason and the error of what is dropped
 ///
@@ -56,28 +55,9 @@ impl Plan {
         let settings = self.bake.transfer.settings(&layout, seed, false);
         let chosen = self.bake.isovalues(volume, opened.default_isovalue, scene)?;
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
-        let memory_limit = self.bake.transfer.memory_limit;
-        let goal = Goal { error: self.bake.transfer.error, ..Goal::default() };
-        let (label, estimator, start) = (&opened.label, self.bake.estimator, Instant::now());
-        let mut hints = Hints::of_scene(scene, volume.value_range(), isovalues.as_deref());
-        hints.albedo = self.albedo.or(hints.albedo);
-        let effects = &self.bake.transfer.effects();
-        let share = None;
-        let job = Job {
-            volume,
-            label,
-            layout,
-            settings,
-            goal,
-            estimator,
-            isovalues,
-            share,
-            memory_limit,
-            start,
-            effects,
-            hints,
-            geometry,
-        };
+        let effects = self.bake.transfer.effects();
+        let mut job = Job::of_options(&opened, scene, &self.bake, isovalues, layout, settings, &effects);
+        job.hints.albedo = self.albedo.or(job.hints.albedo);
         if let Some(albedo) = self.albedo {
             crate::relight::Material::new([albedo; 3], [0.0; 3])?;
         }
@@ -92,11 +72,7 @@ impl Plan {
         ));
         let mut json = serde_json::to_value(&plan).unwrap_or_default();
         if self.time.is_some() || self.bake.transfer.error.is_some() {
-            if job.geometry.is_some() {
-                let expected = "a volume without walls and luminaires";
-                let found = "a scene that has them";
-                return Err(Error::argument("--time and --error", found, expected, "give a number of --rays").into());
-            }
+            forecast::check("--time and --error", job.geometry.is_some(), job.estimator)?;
             json["forecast"] = self.forecast(&job, &pyramid, opened.default_isovalue, seed, console)?;
         }
         console.print_json(&json);

@@ -12,7 +12,7 @@ use crate::geom::Up;
 use crate::level::{Counts, Pyramid};
 use crate::probe::{LatLong, Orientation, Probe};
 use crate::relight::{Contracted, LookupReport, Material};
-use crate::render::{Camera, Picture, Projection, RenderOptions, View, render_among, render_with_suns};
+use crate::render::{Camera, Picture, Projection, RenderOptions, Subject, View, render};
 use crate::scene::geometry::Geometry;
 use crate::transfer::store::Store;
 use crate::volume::{LengthUnit, Volume};
@@ -99,14 +99,14 @@ impl Still<'_> {
         options: &RenderOptions,
     ) -> Result<Picture> {
         let (volume, pyramid, isovalue, material) = (self.volume, self.pyramid, self.surface.isovalue, self.material);
-        let (light, suns) = (&lighting.light, &lighting.suns);
+        let subject = Subject { volume, pyramid, isovalue, contracted, light: &lighting.light, material };
         let Some(geometry) = self.geometry else {
-            return Ok(render_with_suns(volume, pyramid, isovalue, contracted, light, material, camera, options, suns));
+            return Ok(render(&subject, &lighting.suns, None, camera, options));
         };
         let question = WallQuestion { volume, pyramid, isovalue, material, rays: self.wall_rays };
         let walls = Walls::new(geometry, &question, camera, options, lighting, &self.light.luminaires)?;
         let backdrop = |origin, direction, limit, pixel| walls.seen(origin, direction, limit, pixel);
-        Ok(render_among(volume, pyramid, isovalue, contracted, light, material, camera, options, &backdrop))
+        Ok(render(&subject, &[], Some(&backdrop), camera, options))
     }
 
     /// The environment behind a pixel. Parallel rays would see one direction of it: behind them it is seen in

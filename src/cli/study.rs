@@ -1,9 +1,10 @@
 //! `isolume study`: what accuracy costs in time on the user's own volume, measured.
 
 mod placements;
+mod report;
 
 use super::console::Console;
-use super::forecast::{self, Weighed, bytes_of_texel};
+use super::forecast;
 use super::input::VolumeArgs;
 use super::isovalue::Isovalue;
 use super::light::{open_probe, parse_triple};
@@ -16,15 +17,15 @@ use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::relight::texels_of_isosurface;
 use crate::sampling::statistics::Running;
-use crate::study::figure::{Caption, Mark, on_front, rungs, seconds_at, svg};
-use crate::study::model::Forecast;
+use crate::study::figure::{Caption, Kept, Mark, on_front, svg};
 use crate::study::{Measured, References, Setting, Study as Bench};
-use crate::transfer::{BRICK, BRICK_TEXELS, Brick, Lattice, Layers, Layout, MemoryTexture};
-
+use crate::transfer::precision::bytes_of_texel;
+use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, MemoryTexture, Precision, Steps};
 use crate::transport::{Bake, GatherSettings, PhotonBake, Progress, Settings, bake, gather, photon_bake};
 use crate::volume::Volume;
 use cpu_time::ProcessTime;
-use serde_json::{Value, json};
+use report::{csv, forecast_json, forecasts, iso_json, iso_table, kept_json, kept_table, row_json, table};
+use serde_json::json;
 use std::io::Write as _;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -90,6 +91,11 @@ enum OtherStudy {
 const BANDS: [usize; 4] = [5, 4, 3, 3];
 /// The sweep of bands.
 const SAME_BANDS: &str = "path, same bands in all";
+/// The sweep of storage.
+const KEPT: &str = "path, kept as";
+/// Ways of keeping coefficients that are tried.
+const KEPT_AS: [Precision; 4] =
+    [Precision::Single, Precision::Half, Precision::Steps(Steps::TWELVE), Precision::Steps(Steps::BYTE)];
 /// Fewest rays that are tried.
 const LEAST_RAYS: u32 = 16;
 /// Layers of the exact texels.
@@ -174,13 +180,20 @@ impl Study {
         };
         let selected = |lattice| texels_of_isosurface(volume, lattice, chosen.value);
         let pilots = forecast::pilots(&question, &forecast::RATIOS, &selected)?;
-        let mut rows = Vec::new();
+        let kept_of = self.middle_rays();
+        let (mut rows, mut kept_rows) = (Vec::new(), Vec::new());
         for (curve, label, setting) in settings {
             console.note(format!("{curve}, {label}"));
-            rows.push(measure(&bench, &references, curve, label, setting, seed)?);
+            let keeps = curve == "path" && setting.rays == kept_of;
+            let (row, kept) = measure(&bench, &references, curve, label, setting, seed, keeps)?;
+            rows.push(row);
+            kept_rows.extend(kept);
         }
         // Light of other bands is another reference: that sweep, the last one, is not drawn beside the others.
         let marks: Vec<Mark> = rows.iter().filter(|row| row.curve != SAME_BANDS).map(mark).collect();
+        let kept: Vec<Kept> = kept_rows.iter().map(kept).collect();
+        let front = on_front(&marks);
+        rows.extend(kept_rows);
         let caption = Caption {
             title: format!(
                 "{}, isovalue {}, under {}: what accuracy costs",
@@ -190,6 +203,7 @@ impl Study {
             ),
             notes: notes(&bench, &references, rows.first().map_or(0, |r| r.texels), spread),
             truncation: references.truncation(),
+            kept,
         };
         let csv = csv(&rows);
         std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the folder", e))?;
@@ -203,7 +217,7 @@ impl Study {
             "clock_noise": { "wall": spread[0], "cpu": spread[1], "bakes": REPEATS },
             "rows": rows.iter().map(row_json).collect::<Vec<_>>(),
             "forecasts": rows.iter().filter_map(|r| forecast_json(r, &pilots)).collect::<Vec<_>>(),
-            "front": on_front(&marks), "seconds_to_error": iso_json(&marks),
+            "front": front, "kept": kept_json(&caption.kept), "seconds_to_error": iso_json(&marks),
         });
         for (name, bytes) in [
             ("study.csv", csv.into_bytes()),
@@ -213,12 +227,13 @@ impl Study {
             let path = folder.join(name);
             atomic::write(&path, |w| w.write_all(&bytes).map_err(|e| Error::io(&path, "write", e)))?;
         }
-        console.print(table(&rows, &on_front(&marks)));
+        console.print(table(&rows, &front));
         console.print(format!(
             "\nforecast of the pilot of `isolume plan`, against what was measured\n{}",
             forecasts(&rows, &pilots)
         ));
         console.print(format!("\nseconds of processor time to the same error\n{}", iso_table(&marks)));
+        console.print(format!("\nfewer bits, of the bake with {kept_of} rays\n{}", kept_table(&caption.kept)));
         console.print(format!(
             "\nwritten to {}: study.csv, study.json, study.svg; reference: {} rays, noise {}, {:.1} s",
             folder.display(),
@@ -230,6 +245,17 @@ impl Study {
         Ok(())
     }
 
+    /// Every number of rays that is tried.
+    fn ladder(&self) -> Vec<u32> {
+        (0..16).map(|k| LEAST_RAYS << k).filter(|&n| n <= self.most_rays).collect()
+    }
+
+    /// The number of rays at which layers, bands and storage are varied.
+    fn middle_rays(&self) -> u32 {
+        let ladder = self.ladder();
+        ladder.get(ladder.len() * 2 / 3).copied().unwrap_or(LEAST_RAYS)
+    }
+
     /// Curve, label and setting of every bake.
     fn settings(&self) -> Outcome<Vec<(String, String, Setting)>> {
         if self.most_rays < LEAST_RAYS {
@@ -237,14 +263,19 @@ impl Study {
             let remedy = "1024 is the default; --quick makes a study short";
             return Err(Error::argument("--most-rays", self.most_rays, expected, remedy).into());
         }
-        let ladder: Vec<u32> = (0..16).map(|k| LEAST_RAYS << k).filter(|&n| n <= self.most_rays).collect();
+        let ladder = self.ladder();
         let every = |n: usize| -> Vec<u32> { ladder.iter().copied().step_by(n).collect() };
-        let setting =
-            |estimator, rays, bands: &[usize], ratio| Setting { estimator, rays, bands: bands.to_vec(), ratio };
+        let setting = |estimator, rays, bands: &[usize], ratio| Setting {
+            estimator,
+            rays,
+            bands: bands.to_vec(),
+            ratio,
+            kept_as: Precision::Half,
+        };
         let mut all = Vec::new();
         let mut add = |curve: &str, label: String, setting| all.push((curve.to_string(), label, setting));
         for &n in &ladder {
-            add("path", format!("{n} rays"), setting("path", n, &BANDS, 1.0));
+            add("path", format!("{n}"), setting("path", n, &BANDS, 1.0));
         }
         for n in every(2) {
             add("gather", format!("{n}"), setting("gather", n, &BANDS, 1.0));
@@ -261,7 +292,7 @@ impl Study {
         for n in every(2) {
             add("path, texture ¼", format!("{n}"), setting("path", n, &BANDS, 0.25));
         }
-        let middle = ladder[ladder.len() * 2 / 3];
+        let middle = self.middle_rays();
         for layers in 1..BANDS.len() {
             add(
                 "path, fewer layers",
@@ -303,7 +334,7 @@ impl Study {
 /// Most stored bytes that any setting needs for a texel.
 fn most_bytes(all: &[(String, String, Setting)]) -> Outcome<u64> {
     let layers = all.iter().map(|(_, _, s)| Layers::new(s.bands.clone())).collect::<Result<Vec<_>, Error>>()?;
-    Ok(layers.iter().map(bytes_of_texel).max().unwrap_or(0))
+    Ok(layers.iter().map(super::options::texel_bytes).max().unwrap_or(0))
 }
 
 /// Most bands that any setting has.
@@ -326,16 +357,7 @@ fn bake_once(bench: &Bench<'_>, setting: &Setting, seed: u64) -> Outcome<Baked> 
         selection: &selection,
     };
     let mut texture = MemoryTexture::new(layout.clone());
-    let mut keep = |chunk: [usize; 3], bricks: Vec<Option<Brick>>| {
-        const PER_SIDE: usize = crate::transfer::CHUNK / BRICK;
-        for (i, brick) in bricks.into_iter().enumerate() {
-            let place = [i % PER_SIDE, i / PER_SIDE % PER_SIDE, i / PER_SIDE / PER_SIDE];
-            if let Some(brick) = brick {
-                texture.insert(std::array::from_fn(|a| chunk[a] * PER_SIDE + place[a]), brick)?;
-            }
-        }
-        Ok(())
-    };
+    let mut keep = |chunk: [usize; 3], bricks| texture.insert_chunk(chunk, bricks);
     let (chunks, progress) = (job.chunks(), Progress::default());
     let (wall, cpu) = (Instant::now(), ProcessTime::now());
     let summary = match setting.estimator {
@@ -354,6 +376,7 @@ fn bake_once(bench: &Bench<'_>, setting: &Setting, seed: u64) -> Outcome<Baked> 
     Ok(Baked { texture, settings, wall, cpu, rays: summary.counts.rays, texels: summary.valid })
 }
 
+/// Bakes and measures; with `keeps` also what keeping the same coefficients in more or fewer bits does.
 fn measure(
     bench: &Bench<'_>,
     references: &References,
@@ -361,19 +384,38 @@ fn measure(
     label: String,
     setting: Setting,
     seed: u64,
-) -> Outcome<Row> {
+    keeps: bool,
+) -> Outcome<(Row, Vec<Row>)> {
     let Baked { texture, settings, wall, cpu, rays, texels } = bake_once(bench, &setting, seed)?;
     let is_path = setting.estimator == "path";
     let second = if is_path { None } else { Some(bake_once(bench, &setting, seed ^ 1)?.texture) };
     let baked_by = is_path.then_some(&settings);
     let measured = bench.measure(references, &texture, baked_by, second.as_ref().map(|t| t as _))?;
-    let bytes = texels * bytes_of_texel(&settings.layers);
-    Ok(Row { setting, curve, label, wall, cpu, rays, texels, bytes, measured })
+    let row = |curve, label, kept_as, measured| {
+        let bytes = (texels as f64 * bytes_of_texel(&settings.layers, kept_as)) as u64;
+        Row { setting: Setting { kept_as, ..setting.clone() }, curve, label, wall, cpu, rays, texels, bytes, measured }
+    };
+    let mut kept = Vec::new();
+    if keeps {
+        let found = bench.measure_kept_as(references, &texture, &settings, &KEPT_AS)?;
+        kept.extend(KEPT_AS.into_iter().zip(found).map(|(kind, found)| row(KEPT.into(), kind.name(), kind, found)));
+    }
+    Ok((row(curve, label, Precision::Half, measured), kept))
+}
+
+/// A row of the sweep of storage for the figure.
+fn kept(row: &Row) -> Kept {
+    Kept {
+        name: row.label.clone(),
+        bytes_of_texel: row.bytes as f64 / row.texels.max(1) as f64,
+        rounding: row.measured.row("rounding").max(0.0).sqrt(),
+        error: row.measured.band_limited.relative_rms_without_noise,
+    }
 }
 
 /// Spread of repeated bakes, over their mean: wall-clock time and processor time.
 fn clock_noise(bench: &Bench<'_>, seed: u64) -> Outcome<[f64; 2]> {
-    let setting = Setting { estimator: "path", rays: 16, bands: BANDS.to_vec(), ratio: 1.0 };
+    let setting = Setting { estimator: "path", rays: 16, bands: BANDS.to_vec(), ratio: 1.0, kept_as: Precision::Half };
     // The first one warms caches.
     bake_once(bench, &setting, seed)?;
     let (mut wall, mut cpu) = (Running::default(), Running::default());
@@ -387,28 +429,31 @@ fn clock_noise(bench: &Bench<'_>, seed: u64) -> Outcome<[f64; 2]> {
 
 /// What a reader of the figure must know.
 fn notes(bench: &Bench<'_>, references: &References, texels: u64, spread: [f64; 2]) -> Vec<String> {
-    let points = text::count(bench.points.len() as u64);
+    let (points, [r, g, b]) = (text::count(bench.points.len() as u64), bench.albedo);
+    let albedo = if r == g && g == b { r.to_string() } else { format!("{r}, {g}, {b}") };
     vec![
         format!(
-            "Error: outgoing light at {points} random vertices, against {} unbiased paths at each under the same light cut to the same bands. \
-             Bars: 95 % interval.",
+            "Reference: unbiased path tracing at {points} random vertices, {} paths each, under the same light cut to the same bands;",
             bench.paths
         ),
         format!(
-            "The noise of that reference, {}, is taken out. Dashed: what cutting the light costs besides.",
+            "its own noise, {}, is taken out. Vertical bars: 95 % intervals. Dashed: what cutting the light to bands costs besides.",
             text::percent(references.noise())
         ),
+        "path: path tracing within the level set. gather: the texture as a cache of light. photon: photon mapping.".into(),
+        "Numbers at the dots: rays a texel, or layers (one: direct light alone; each more: one bounce). Grey: what no other dot beats."
+            .into(),
+        "texture ½, ¼: so many texels to a sample of the volume along each axis, else 1.".into(),
+        format!("Layers of {} bands, albedo {albedo}, unless a curve says otherwise.", BANDS.map(|b| b.to_string()).join(", ")),
         format!(
-            "Seconds: of {} threads together, for the {} texels that this surface needs where the texture has the resolution of the volume. \
-             Repeated",
+            "Processor seconds: {} threads together, for {} texels at texture 1. Repeated bakes differed by {}",
             rayon::current_num_threads(),
             text::count(texels),
+            text::percent(spread[1]),
         ),
         format!(
-            "bakes differed by {} of processor and {} of wall-clock time. Bands {BANDS:?} by layer, texture ratio 1, albedo {}, unless a curve says otherwise.",
-            text::percent(spread[1]),
-            text::percent(spread[0]),
-            bench.albedo[0]
+            "(wall clock: {}). Bits: f16 is what stores hold, 8 bits with a scale to each coefficient the page in one file.",
+            text::percent(spread[0])
         ),
     ]
 }
@@ -416,148 +461,4 @@ fn notes(bench: &Bench<'_>, references: &References, texels: u64, spread: [f64; 
 fn mark(row: &Row) -> Mark {
     let (curve, label) = (row.curve.clone(), row.label.clone());
     Mark { curve, label, seconds: row.cpu, measured: row.measured.clone() }
-}
-
-const HEAD: &str = "estimator,rays,bands,ratio,wall_seconds,cpu_seconds,transport_rays,texels,bytes,\
-rms,rms_half_interval,rms_same_bands,rms_same_bands_without_noise,bias,\
-truncation,interpolation,noise_of_reference,layers,noise,bias_mean_square,rounding,cross_terms,total_mean_square";
-
-fn csv(rows: &[Row]) -> String {
-    let mut out = format!("{HEAD}\n");
-    for r in rows {
-        let (s, m) = (&r.setting, &r.measured);
-        let bands = s.bands.iter().map(usize::to_string).collect::<Vec<_>>().join(" ");
-        let parts: Vec<String> = m.budget.iter().map(|b| format!("{:e}", b.mean_square)).collect();
-        let total: f64 = m.budget.iter().map(|b| b.mean_square).sum();
-        out += &format!(
-            "{},{},{bands},{},{:.4},{:.4},{},{},{},{:.6},{:.6},{:.6},{:.6},{:.6},{},{total:e}\n",
-            s.estimator,
-            s.rays,
-            s.ratio,
-            r.wall,
-            r.cpu,
-            r.rays,
-            r.texels,
-            r.bytes,
-            m.whole.relative_rms.value,
-            m.whole.relative_rms.half_interval,
-            m.band_limited.relative_rms.value,
-            m.band_limited.relative_rms_without_noise,
-            m.band_limited.bias.value,
-            parts.join(",")
-        );
-    }
-    out
-}
-
-fn row_json(r: &Row) -> Value {
-    let budget: serde_json::Map<_, _> =
-        r.measured.budget.iter().map(|b| (b.name.to_string(), json!(b.mean_square))).collect();
-    json!({
-        "curve": r.curve, "estimator": r.setting.estimator, "rays": r.setting.rays, "bands": r.setting.bands,
-        "ratio": r.setting.ratio, "wall_seconds": r.wall, "cpu_seconds": r.cpu, "transport_rays": r.rays,
-        "texels": r.texels, "bytes": r.bytes,
-        "rms": r.measured.whole.relative_rms.value,
-        "rms_same_bands": r.measured.band_limited.relative_rms_without_noise,
-        "budget_mean_square": budget,
-    })
-}
-
-/// The forecast for a bake by `path` of the default layers.
-fn forecast_of(row: &Row, pilots: &[Weighed]) -> Option<Forecast> {
-    let fits = row.setting.estimator == "path" && row.setting.bands == BANDS;
-    let pilot = pilots.iter().find(|w| fits && w.ratio == row.setting.ratio)?;
-    Some(pilot.pilot.forecast(row.setting.rays))
-}
-
-fn forecasts(rows: &[Row], pilots: &[Weighed]) -> String {
-    let mut lines =
-        vec![["setting", "cpu s", "forecast", "ratio", "error", "forecast", "ratio"].map(String::from).to_vec()];
-    for row in rows {
-        let Some(forecast) = forecast_of(row, pilots) else { continue };
-        let error = row.measured.band_limited.relative_rms_without_noise;
-        lines.push(vec![
-            format!("{}, {}", row.curve, row.label),
-            format!("{:.2}", row.cpu),
-            format!("{:.2}", forecast.seconds),
-            format!("{:.2}", forecast.seconds / row.cpu),
-            text::percent(error),
-            text::percent(forecast.error),
-            format!("{:.2}", forecast.error / error),
-        ]);
-    }
-    text::table(&lines)
-}
-
-fn forecast_json(row: &Row, pilots: &[Weighed]) -> Option<Value> {
-    let forecast = forecast_of(row, pilots)?;
-    Some(json!({
-        "curve": row.curve, "rays": row.setting.rays, "cpu_seconds": row.cpu, "forecast_cpu_seconds": forecast.seconds,
-        "rms_same_bands": row.measured.band_limited.relative_rms_without_noise, "forecast_error": forecast.error,
-    }))
-}
-
-fn iso_json(marks: &[Mark]) -> Value {
-    let rungs = rungs(marks);
-    let curves = seconds_at(marks);
-    json!(
-        curves
-            .iter()
-            .map(|(name, list)| json!({
-                "curve": name,
-                "at": rungs.iter().zip(list).map(|(e, s)| json!({ "error": e, "cpu_seconds": s })).collect::<Vec<_>>(),
-            }))
-            .collect::<Vec<_>>()
-    )
-}
-
-fn iso_table(marks: &[Mark]) -> String {
-    let head = rungs(marks).into_iter().map(text::percent);
-    let mut lines = vec![std::iter::once("curve".to_string()).chain(head).collect::<Vec<_>>()];
-    for (name, seconds) in seconds_at(marks) {
-        let cells = seconds.into_iter().map(|s| s.map_or("-".into(), |s| format!("{s:.2}")));
-        lines.push(std::iter::once(name).chain(cells).collect());
-    }
-    text::table(&lines)
-}
-
-fn table(rows: &[Row], front: &[usize]) -> String {
-    let mut lines = vec![
-        [
-            "setting",
-            "cpu s",
-            "wall s",
-            "rays",
-            "bytes",
-            "error",
-            "±",
-            "interpolation",
-            "layers",
-            "noise",
-            "bias",
-            "rounding",
-            "front",
-        ]
-        .map(String::from)
-        .to_vec(),
-    ];
-    for (i, r) in rows.iter().enumerate() {
-        let rms = |name: &str| {
-            let square = r.measured.row(name);
-            text::percent(square.abs().sqrt().copysign(square))
-        };
-        let mut line = vec![
-            format!("{}, {}", r.curve, r.label),
-            format!("{:.2}", r.cpu),
-            format!("{:.2}", r.wall),
-            text::metric(r.rays as f64),
-            text::bytes(r.bytes as f64),
-            text::percent(r.measured.band_limited.relative_rms_without_noise),
-            text::percent(r.measured.band_limited.relative_rms.half_interval),
-        ];
-        line.extend(["interpolation", "layers", "noise", "bias", "rounding"].map(rms));
-        line.push(if front.contains(&i) { "*".into() } else { String::new() });
-        lines.push(line);
-    }
-    text::table(&lines)
 }

@@ -1,7 +1,7 @@
 //! `isolume view`: the live page, served on this machine or written into one file.
 
 use super::console::Console;
-use super::info::{self, is_store};
+use super::info::{self, check_store};
 use super::isovalue::Isovalue;
 use super::light::open_probe;
 use super::output::check_file;
@@ -54,10 +54,7 @@ pub(super) struct View {
 
 impl View {
     pub(super) fn run(&self, console: &Console) -> Outcome {
-        if !is_store(&self.input) {
-            let expected = "a transfer store; `isolume bake` makes one, `isolume relight` keeps one in its cache";
-            return Err(Error::argument("input", &self.input, expected, "bake the volume first").into());
-        }
+        check_store(&self.input)?;
         self.html.as_deref().map_or(Ok(()), check_file)?;
         let package = self.package(console)?;
         match &self.html {

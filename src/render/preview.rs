@@ -34,78 +34,51 @@ pub struct Picture {
     pub report: LookupReport,
 }
 
-/// Ray-traces the level set of `isovalue` (a value of the file) with the radiance of `contracted`.
-///
-/// Where a ray enters the box inside the solid it sees a cut face; that has no surface point, so it is shaded as
-/// an unoccluded one of the box face, at half strength.
-pub fn render(
-    volume: &Volume,
-    pyramid: &Pyramid,
-    isovalue: f64,
-    contracted: &Contracted,
-    light: &Light,
-    material: &Material,
-    camera: &Camera,
-    options: &RenderOptions,
-) -> Picture {
-    render_with_suns(volume, pyramid, isovalue, contracted, light, material, camera, options, &[])
-}
-
 /// What else a camera ray may show: from its origin and unit direction in world, a distance before which alone it counts,
 /// and the number of its pixel.
 pub type Backdrop<'a> = dyn Fn(DVec3, DVec3, f64, usize) -> Option<[f32; 3]> + Sync + 'a;
 
-/// As [`render`], among things that `backdrop` shows before or behind the level set.
-pub fn render_among(
-    volume: &Volume,
-    pyramid: &Pyramid,
-    isovalue: f64,
-    contracted: &Contracted,
-    light: &Light,
-    material: &Material,
-    camera: &Camera,
-    options: &RenderOptions,
-    backdrop: &Backdrop<'_>,
-) -> Picture {
-    picture(volume, pyramid, isovalue, contracted, light, material, camera, options, &[], Some(backdrop))
+/// A lit level set.
+#[derive(Clone, Copy)]
+pub struct Subject<'a> {
+    /// The volume.
+    pub volume: &'a Volume,
+    /// Its pyramid.
+    pub pyramid: &'a Pyramid,
+    /// In the file's values.
+    pub isovalue: f64,
+    /// Radiance of its texels.
+    pub contracted: &'a Contracted,
+    /// The light that they were contracted with: without suns that were split off.
+    pub light: &'a Light,
+    /// What they reflect of it.
+    pub material: &'a Material,
 }
 
-/// As [`render`], with the direct light of suns that were split off the environment: `light` is then the
-/// light without them, and every surface point tests their visibility by `rays` rays of each.
-pub fn render_with_suns(
-    volume: &Volume,
-    pyramid: &Pyramid,
-    isovalue: f64,
-    contracted: &Contracted,
-    light: &Light,
-    material: &Material,
-    camera: &Camera,
-    options: &RenderOptions,
-    suns: &[SunLight],
-) -> Picture {
-    picture(volume, pyramid, isovalue, contracted, light, material, camera, options, suns, None)
-}
-
-fn picture(
-    volume: &Volume,
-    pyramid: &Pyramid,
-    isovalue: f64,
-    contracted: &Contracted,
-    light: &Light,
-    material: &Material,
-    camera: &Camera,
-    options: &RenderOptions,
+/// Ray-traces a level set with the radiance of its texels.
+///
+/// Every surface point tests whether it sees the `suns` that were split off the environment. What `backdrop` shows stands
+/// before or behind the level set.
+///
+/// Where a ray enters the box inside the solid it sees a cut face; that has no surface point, so it is shaded as
+/// an unoccluded one of the box face, at half strength.
+pub fn render(
+    subject: &Subject<'_>,
     suns: &[SunLight],
     backdrop: Option<&Backdrop<'_>>,
+    camera: &Camera,
+    options: &RenderOptions,
 ) -> Picture {
-    let suns: Vec<(Disk, [f32; 3])> = suns.iter().map(|s| (Disk::new(s), material.sun_factor(s.flux))).collect();
+    let Subject { volume, pyramid, isovalue, .. } = *subject;
+    let suns: Vec<(Disk, [f32; 3])> =
+        suns.iter().map(|s| (Disk::new(s), subject.material.sun_factor(s.flux))).collect();
     let mut pixels = vec![[0.0; 4]; options.width * options.height];
     let totals: Vec<(Counts, LookupReport)> = with_samples!(volume.samples(), s => {
         let scene = Scene {
             field: LevelField::new(volume, s, pyramid),
-            volume,
+            subject,
             isovalue: volume.raw_from_value(isovalue) as f32,
-            contracted, light, material, camera, options, suns: &suns, backdrop,
+            camera, options, suns: &suns, backdrop,
             clip: clip_box(volume),
         };
         pixels.par_chunks_mut(options.width).enumerate().map(|(y, row)| scene.row(y, row)).collect()
@@ -120,11 +93,9 @@ fn picture(
 
 struct Scene<'a, T> {
     field: LevelField<'a, T>,
-    volume: &'a Volume,
+    subject: &'a Subject<'a>,
+    // As stored.
     isovalue: f32,
-    contracted: &'a Contracted,
-    light: &'a Light,
-    material: &'a Material,
     camera: &'a Camera,
     options: &'a RenderOptions,
     // Each with ρ/π · flux.
@@ -153,7 +124,7 @@ impl<T: Sample> Scene<'_, T> {
                 let item = ((y * self.options.width + x) * n * n + sub) as u64;
                 let level = self.shade(origin, direction, item, &mut counts, &mut report);
                 let other = self.backdrop.and_then(|backdrop| {
-                    let place = |(_, in_grid): ([f32; 3], DVec3)| self.volume.world_from_grid().point(in_grid);
+                    let place = |(_, in_grid): ([f32; 3], DVec3)| self.subject.volume.world_from_grid().point(in_grid);
                     let limit = level.map_or(f64::INFINITY, |hit| (place(hit) - origin).length());
                     backdrop(origin, direction.normalize(), limit, y * self.options.width + x)
                 });
@@ -178,7 +149,7 @@ impl<T: Sample> Scene<'_, T> {
         counts: &mut Counts,
         report: &mut LookupReport,
     ) -> Option<([f32; 3], DVec3)> {
-        let grid_from_world = self.volume.world_from_grid().inverse();
+        let grid_from_world = self.subject.volume.world_from_grid().inverse();
         let origin = grid_from_world.point(origin);
         let direction = grid_from_world.vector(direction).normalize();
         let (entry, face) = enter(&self.clip, origin, direction)?;
@@ -187,9 +158,9 @@ impl<T: Sample> Scene<'_, T> {
             // A cut through the solid: the normal of the box face, as a covector.
             let mut gradient = Vec3::ZERO;
             gradient[face] = direction[face].signum() as f32;
-            let normal = (self.volume.world_from_grid().gradient_matrix() * -gradient).normalize_or_zero();
-            let open = self.light.unoccluded(normal.to_array());
-            let mut rgb: [f32; 3] = std::array::from_fn(|c| self.material.albedo[c] * open[c].max(0.0));
+            let normal = (self.subject.volume.world_from_grid().gradient_matrix() * -gradient).normalize_or_zero();
+            let open = self.subject.light.unoccluded(normal.to_array());
+            let mut rgb: [f32; 3] = std::array::from_fn(|c| self.subject.material.albedo[c] * open[c].max(0.0));
             for (disk, factor) in self.suns {
                 let cosine = disk.towards().dot(normal).max(0.0);
                 rgb = std::array::from_fn(|c| rgb[c] + factor[c] * cosine);
@@ -200,7 +171,8 @@ impl<T: Sample> Scene<'_, T> {
             Outcome::Hit(hit) => {
                 let normal = self.field.normal(&hit.at).map_or([0.0, 0.0, 1.0], |n| n.vec().to_array());
                 let position = hit.at.in_grid().to_array();
-                let mut rgb = self.contracted.radiance_at(position, normal, self.light, self.material, report);
+                let Subject { contracted, light, material, .. } = self.subject;
+                let mut rgb = contracted.radiance_at(position, normal, light, material, report);
                 for (disk, factor) in self.suns {
                     let lit = disk.lit_cosine(&self.field, self.isovalue, hit.at, normal.into(), item, counts);
                     rgb = std::array::from_fn(|c| rgb[c] + factor[c] * lit);

@@ -18,12 +18,14 @@
 //!
 //! Bias of an estimator is told from its noise by a second bake of another seed: the mean product of the errors of two
 //! independent bakes is the mean square of what they share. For `path` it is 0 by construction and not looked for. The
-//! cross terms are a row, so that the rows sum to the mean square of the whole difference.
+//! cross terms are a row, so that the rows sum to the mean square of the whole difference. Numbers kept in more or fewer
+//! bits than a store's ([`Study::measure_kept_as`]) change the last row alone.
 
 pub mod figure;
 pub mod front;
 pub mod model;
 pub mod placements;
+mod storage;
 
 #[cfg(test)]
 mod tests;
@@ -36,7 +38,7 @@ use crate::relight::{Light, Material, contract, texels_of_isosurface};
 use crate::sampling::DirectionalSource;
 use crate::sampling::hash::key;
 use crate::sh::Coefficients;
-use crate::transfer::{BrickSource, Lattice, Layers, Layout, Selection};
+use crate::transfer::{BrickSource, Lattice, Layers, Layout, Precision, Selection};
 use crate::transport::{Bake, DirectSettings, Radiance, Settings, SurfacePoint, direct, estimates};
 use crate::volume::Volume;
 use std::collections::BTreeMap;
@@ -78,6 +80,8 @@ pub struct Setting {
     pub bands: Vec<usize>,
     /// Texels for each sample along an axis.
     pub ratio: f64,
+    /// How its coefficients are kept; a store has [`Precision::Half`].
+    pub kept_as: Precision,
 }
 
 /// The references of a study.
@@ -211,53 +215,93 @@ impl Study<'_> {
         baked_by: Option<&Settings>,
         second: Option<&dyn BrickSource>,
     ) -> Result<Measured> {
-        let Layout { lattice, layers } = texture.layout();
-        let bands = layers.max_bands();
-        let (Some(limited), Some(exact)) = (references.by_bands.get(&bands), references.exact.get(&lattice.texels()))
-        else {
-            let found = format!("{bands} bands on {:?} texels", lattice.texels());
-            return Err(Error::argument(
-                "texture",
-                found,
-                "bands and a lattice with a reference",
-                "ask for them first",
-            ));
-        };
-        let light = self.cut_to(bands);
-        let stored = self.looked_up(texture, &light)?;
-        let means = |list: &[Radiance]| list.iter().map(|r| r.mean).collect::<Vec<_>>();
-        let (whole, cut) = (means(&references.whole), means(limited));
-        let all = Layers::uniform(self.layers, bands)?;
-        let every = self.interpolated(*lattice, exact, &references.layers, &all, &light, &stored);
-        let kept = self.interpolated(*lattice, exact, &references.layers, layers, &light, &stored);
+        let basis = self.basis(references, texture.layout())?;
+        let stored = self.looked_up(texture, &basis.light)?;
         let again = match baked_by {
             Some(settings) => {
                 let texels = self.texels(texture.layout(), settings)?;
-                self.interpolated(*lattice, &texels, layers, layers, &light, &stored)
+                basis.radiance(&texels, &stored)
             }
             None => stored.clone(),
         };
         let shared = match second {
-            Some(second) => mean_product(&again, &self.looked_up(second, &light)?, &kept),
+            Some(second) => mean_product(&again, &self.looked_up(second, &basis.light)?, &basis.kept(&stored)),
             None => 0.0,
         };
+        basis.budget(&stored, &again, shared)
+    }
+
+    /// What holding any texture of this layout against the references needs.
+    fn basis<'s>(&'s self, references: &'s References, layout: &'s Layout) -> Result<Basis<'s>> {
+        let Layout { lattice, layers } = layout;
+        let bands = layers.max_bands();
+        let (Some(limited), Some(exact)) = (references.by_bands.get(&bands), references.exact.get(&lattice.texels()))
+        else {
+            let found = format!("{bands} bands on {:?} texels", lattice.texels());
+            let expected = "bands and a lattice with a reference";
+            return Err(Error::argument("texture", found, expected, "ask for them first"));
+        };
+        Ok(Basis { study: self, references, layout, limited, exact, light: self.cut_to(bands) })
+    }
+}
+
+/// The references of one layout.
+struct Basis<'a> {
+    study: &'a Study<'a>,
+    references: &'a References,
+    layout: &'a Layout,
+    limited: &'a [Radiance],
+    exact: &'a Exact,
+    /// Cut to the bands of the layout.
+    light: [Coefficients; 3],
+}
+
+impl Basis<'_> {
+    /// Radiance at the points from texels of the layout; `otherwise` where none is valid.
+    fn radiance(&self, texels: &Exact, otherwise: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        let Layout { lattice, layers } = self.layout;
+        self.study.interpolated(*lattice, texels, layers, layers, &self.light, otherwise)
+    }
+
+    /// The same from the exact texels, of which so many layers and bands are used.
+    fn of_exact(&self, layers: &Layers, otherwise: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        let all = &self.references.layers;
+        self.study.interpolated(self.layout.lattice, self.exact, all, layers, &self.light, otherwise)
+    }
+
+    /// From the exact texels with the layers and bands of the layout.
+    fn kept(&self, otherwise: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        self.of_exact(&self.layout.layers, otherwise)
+    }
+
+    /// Radiance under the light cut to the bands, by the paths.
+    fn cut(&self) -> Vec<[f64; 3]> {
+        means(self.limited)
+    }
+
+    /// Holds `stored` against the references; `again` is what was to be stored, `shared` the mean square of what two
+    /// bakes of it err by together.
+    fn budget(&self, stored: &[[f64; 3]], again: &[[f64; 3]], shared: f64) -> Result<Measured> {
+        let (whole, cut) = (means(&self.references.whole), self.cut());
+        let every = self.of_exact(&Layers::uniform(self.study.layers, self.layout.layers.max_bands())?, stored);
+        let kept = self.kept(stored);
         let mean = whole.iter().flatten().sum::<f64>() / (3 * whole.len()) as f64;
         let over = |value: f64| if mean != 0.0 { value / (mean * mean) } else { 0.0 };
         let row = |name, value: f64| BudgetRow { name, mean_square: over(value) };
         let mut budget = vec![
             row("truncation", mean_square(&cut, &whole)),
-            row("interpolation", mean_square(&every, &cut) - noise(limited)),
-            row("noise of the reference", noise(limited)),
+            row("interpolation", mean_square(&every, &cut) - noise(self.limited)),
+            row("noise of the reference", noise(self.limited)),
             row("layers", mean_square(&kept, &every)),
-            row("noise", mean_square(&again, &kept) - shared),
+            row("noise", mean_square(again, &kept) - shared),
             row("bias", shared),
-            row("rounding", mean_square(&stored, &again)),
+            row("rounding", mean_square(stored, again)),
         ];
         let sum: f64 = budget.iter().map(|r| r.mean_square).sum();
-        budget.push(BudgetRow { name: "cross terms", mean_square: over(mean_square(&stored, &whole)) - sum });
+        budget.push(BudgetRow { name: "cross terms", mean_square: over(mean_square(stored, &whole)) - sum });
         Ok(Measured {
-            whole: distance(&stored, &whole, noise(&references.whole)),
-            band_limited: distance(&stored, &cut, noise(limited)),
+            whole: distance(stored, &whole, noise(&self.references.whole)),
+            band_limited: distance(stored, &cut, noise(self.limited)),
             budget,
         })
     }
@@ -272,11 +316,14 @@ impl References {
 
     /// What cutting the light to each number of bands leaves out: RMS over the mean.
     pub fn truncation(&self) -> Vec<(usize, f64)> {
-        let means = |list: &[Radiance]| list.iter().map(|r| r.mean).collect::<Vec<_>>();
         let whole = means(&self.whole);
         let mean = whole.iter().flatten().sum::<f64>() / (3 * whole.len()) as f64;
         self.by_bands.iter().map(|(b, list)| (*b, mean_square(&means(list), &whole).sqrt() / mean)).collect()
     }
+}
+
+fn means(references: &[Radiance]) -> Vec<[f64; 3]> {
+    references.iter().map(|r| r.mean).collect()
 }
 
 /// Mean square of the standard errors.

@@ -6,7 +6,7 @@
 
 use super::{References, Study};
 use crate::compare::mean_square;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::sampling::hash::key;
 use crate::transfer::{Lattice, Layers, Layout};
 use crate::transport::Settings;
@@ -14,6 +14,9 @@ use crate::transport::Settings;
 /// Exponents of the variance's fall with N that are believed: random points have 1, Owen-scrambled ones on smooth
 /// integrands approach 3; measured on the cases of the tests, 1.4 to 1.5.
 const EXPONENT: std::ops::RangeInclusive<f64> = 1.0..=2.0;
+
+/// Paths for each texel beyond which no time is spent: the noise of a reference, below what interpolation leaves.
+pub const ENOUGH: u32 = 4096;
 
 /// What a pilot found for one texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,9 +74,10 @@ impl Pilot {
         v1 * libm::pow(n1 / n, exponent)
     }
 
-    /// The most paths, as a power of two, that take no more than so many processor seconds; `None` if not even 4 do.
+    /// The most paths, as a power of two up to [`ENOUGH`], that take no more than so many processor seconds; `None` if
+    /// not even 4 do.
     pub fn most_within(&self, seconds: f64) -> Option<Forecast> {
-        (2..=20).rev().map(|k| self.forecast(1 << k)).find(|f| f.seconds <= seconds)
+        (2..=ENOUGH.ilog2()).rev().map(|k| self.forecast(1 << k)).find(|f| f.seconds <= seconds)
     }
 
     /// The fewest paths, as a power of two, with no more than this error; `None` if none do.
@@ -94,22 +98,16 @@ impl Study<'_> {
         layers: &Layers,
         rays: [u32; 2],
     ) -> Result<Accuracy> {
-        let bands = layers.max_bands();
-        let (Some(limited), Some(exact)) = (references.by_bands.get(&bands), references.exact.get(&lattice.texels()))
-        else {
-            let found = format!("{bands} bands on {:?} texels", lattice.texels());
-            return Err(Error::argument("pilot", found, "bands and a lattice with a reference", "ask for them first"));
-        };
-        let light = self.cut_to(bands);
-        let cut: Vec<[f64; 3]> = limited.iter().map(|r| r.mean).collect();
-        let kept = self.interpolated(lattice, exact, &references.layers, layers, &light, &cut);
         let layout = Layout { lattice, layers: layers.clone() };
+        let basis = self.basis(references, &layout)?;
+        let cut = basis.cut();
+        let kept = basis.kept(&cut);
         let mut squares = [0.0; 2];
         for (square, n) in squares.iter_mut().zip(rays) {
             let seed = key(self.seed, 0x7069_6c6f_7400 + u64::from(n));
             let settings = Settings { layers: layers.clone(), rays: n, seed, target: None, positive: false };
             let texels = self.texels(&layout, &settings)?;
-            *square = mean_square(&self.interpolated(lattice, &texels, layers, layers, &light, &cut), &kept);
+            *square = mean_square(&basis.radiance(&texels, &cut), &kept);
         }
         // The exact texels have noise of their own, which falls by the same law from the pilot's second bake.
         let [n0, n1] = rays.map(f64::from);
@@ -117,7 +115,7 @@ impl Study<'_> {
         let own = squares[1] * libm::pow(n1 / f64::from(self.texel_rays), law);
         let mean = cut.iter().flatten().sum::<f64>() / (3 * cut.len()) as f64;
         let over = |value: f64| (value / (mean * mean)).max(0.0);
-        let floor = mean_square(&kept, &cut) - super::noise(limited) - own;
+        let floor = mean_square(&kept, &cut) - super::noise(basis.limited) - own;
         Ok(Accuracy { noise: squares.map(|s| over(s - own)), floor: over(floor) })
     }
 }

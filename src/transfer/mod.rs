@@ -23,11 +23,13 @@
 //! A texel that was not baked holds NaN in all coefficients, one without a usable normal holds 0.
 
 mod group;
+pub mod precision;
 mod selection;
 pub mod store;
 pub mod texture;
 
 pub use group::Group;
+pub use precision::{Precision, Steps};
 pub use selection::Selection;
 pub use texture::MemoryTexture;
 

@@ -18,7 +18,8 @@ use crate::relight::{Light, Material, contract};
 use crate::scene::Colormap;
 use crate::scene::srgb::byte_from_linear;
 use crate::sh::{MAX_BANDS, Rotation};
-use crate::transfer::{BrickSource, Lattice, Layers};
+use crate::transfer::precision::include_magnitudes;
+use crate::transfer::{BrickSource, Lattice, Layers, Steps};
 use crate::volume::{LengthUnit, Volume};
 use half::f16;
 use serde_json::{Map, Value, json};
@@ -28,7 +29,7 @@ use serde_json::{Map, Value, json};
 pub enum Coding {
     /// 16-bit floats, as in the store.
     Half,
-    /// 8-bit signed, each coefficient with the scale of its largest magnitude.
+    /// [`Steps::BYTE`]: 8-bit signed, each coefficient with the scale of its largest magnitude.
     Byte,
 }
 
@@ -205,7 +206,7 @@ fn push_transfer(
     let mut numbers = Vec::new();
     texels.visit_valid(lattice, &mut |number, transfer| {
         numbers.push(number);
-        largest.iter_mut().zip(transfer).for_each(|(l, t)| *l = l.max(t.abs()));
+        include_magnitudes(&mut largest, transfer.iter().copied());
     });
     let all: usize = lattice.texels().iter().product();
     let mut bits = vec![0u8; all.div_ceil(8)];
@@ -230,8 +231,7 @@ fn push_transfer(
             let mut planes = vec![0i8; n * count];
             texels.visit_valid(lattice, &mut |_, transfer| {
                 for (i, &t) in transfer.iter().enumerate() {
-                    let scaled = if scales[i] > 0.0 { t / scales[i] * 127.0 } else { 0.0 };
-                    planes[i * count + next] = scaled.round() as i8;
+                    planes[i * count + next] = Steps::BYTE.code(t, scales[i]) as i8;
                 }
                 next += 1;
             });

@@ -6,7 +6,7 @@ use isolume::geom::Bounds;
 use isolume::level::{LevelField, Pyramid};
 use isolume::sampling::hash::uniform;
 use isolume::transfer::{
-    BRICK, BRICK_TEXELS, BrickSource, CHUNK, Lattice, Layers, Layout, MemoryTexture, Selection, validity,
+    BRICK, BRICK_TEXELS, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, validity,
 };
 use isolume::transport::{Bake, Progress, Settings, Summary, bake};
 use isolume::volume::field::{Field, sample};
@@ -87,17 +87,8 @@ pub fn bake_at(volume: &Volume, ratio: f64, settings: &Settings, texels: &[[usiz
     texels.iter().for_each(|&t| selection.insert(t));
     let job = Bake { volume, pyramid: &pyramid, layout: &layout, settings, selection: &selection };
     let mut texture = MemoryTexture::new(layout.clone());
-    const PER_SIDE: usize = CHUNK / BRICK;
-    let summary = bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, bricks| {
-        for (b, brick) in bricks.into_iter().enumerate() {
-            let inner = [b % PER_SIDE, b / PER_SIDE % PER_SIDE, b / PER_SIDE / PER_SIDE];
-            if let Some(brick) = brick {
-                texture.insert(std::array::from_fn(|a| chunk[a] * PER_SIDE + inner[a]), brick)?;
-            }
-        }
-        Ok(())
-    })
-    .unwrap();
+    let mut keep = |chunk: [usize; 3], bricks| texture.insert_chunk(chunk, bricks);
+    let summary = bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut keep).unwrap();
     Baked { texture, summary }
 }
 

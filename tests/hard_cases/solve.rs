@@ -2,7 +2,7 @@
 
 use isolume::level::Pyramid;
 use isolume::transfer::{
-    BRICK, BRICK_TEXELS, Brick, BrickSource, CHUNK, Lattice, Layers, Layout, MemoryTexture, Selection, validity,
+    BRICK, BRICK_TEXELS, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, validity,
 };
 use isolume::transport::{Bake, GatherSettings, Progress, Settings, Summary, bake, gather};
 use isolume::volume::Volume;
@@ -45,16 +45,7 @@ pub fn solve_with(volume: &Volume, estimator: Estimator, layers: Layers, rays: u
     let selection = Selection::all(lattice);
     let job = Bake { volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
     let mut texture = MemoryTexture::new(layout.clone());
-    const PER_SIDE: usize = CHUNK / BRICK;
-    let mut sink = |chunk: [usize; 3], bricks: Vec<Option<Brick>>| {
-        for (b, brick) in bricks.into_iter().enumerate() {
-            let inner = [b % PER_SIDE, b / PER_SIDE % PER_SIDE, b / PER_SIDE / PER_SIDE];
-            if let Some(brick) = brick {
-                texture.insert(std::array::from_fn(|a| chunk[a] * PER_SIDE + inner[a]), brick)?;
-            }
-        }
-        Ok(())
-    };
+    let mut sink = |chunk: [usize; 3], bricks| texture.insert_chunk(chunk, bricks);
     let (chunks, progress) = (job.chunks(), Progress::default());
     let none = |_| Ok::<_, Error>(None);
     let summary = match estimator {

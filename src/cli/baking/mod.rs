@@ -9,6 +9,7 @@ pub(super) use goal::{ForLight, Goal, parse_time, spread};
 pub(super) use scene::layout as layout_of_scene;
 
 use super::console::{Console, interrupts};
+use super::input::Input;
 use super::scene::SceneFile;
 use super::{Failure, Outcome, options};
 use crate::error::{Error, Result};
@@ -157,6 +158,55 @@ pub(super) fn selection(volume: &Volume, lattice: Lattice, isovalues: Option<&[f
         selection.insert_all(&texels_of_isosurface(volume, lattice, c));
     }
     selection
+}
+
+impl<'a> Job<'a> {
+    /// A bake by `path` of all isosurfaces, without a goal.
+    pub(super) fn new(
+        volume: &'a Volume,
+        label: &'a str,
+        layout: Layout,
+        settings: Settings,
+        effects: &'a Effects,
+    ) -> Self {
+        Self {
+            volume,
+            label,
+            layout,
+            settings,
+            goal: Goal::default(),
+            estimator: Estimator::Path,
+            isovalues: None,
+            share: None,
+            memory_limit: None,
+            start: Instant::now(),
+            effects,
+            hints: Hints::default(),
+            geometry: None,
+        }
+    }
+
+    /// What the options of `bake` and `plan` ask for.
+    pub(super) fn of_options(
+        opened: &'a Input,
+        scene: Option<&SceneFile>,
+        options: &options::BakeArgs,
+        isovalues: Option<Vec<f64>>,
+        layout: Layout,
+        settings: Settings,
+        effects: &'a Effects,
+    ) -> Self {
+        let volume = &opened.volume;
+        Self {
+            goal: Goal { error: options.transfer.error, ..Goal::default() },
+            estimator: options.estimator,
+            hints: Hints::of_scene(scene, volume.value_range(), isovalues.as_deref()),
+            isovalues,
+            memory_limit: options.transfer.memory_limit,
+            geometry: opened.geometry.as_ref(),
+            ..Self::new(volume, &opened.label, layout, settings, effects)
+        }
+    }
 }
 
 impl Job<'_> {

@@ -2,7 +2,7 @@
 
 use super::file::Context;
 use super::{Draft, Relight, Relit};
-use crate::cli::baking::{self, Estimator, Goal, Hints, Job};
+use crate::cli::baking::{self, Goal, Job};
 use crate::cli::console::Console;
 use crate::cli::isovalue::Chosen;
 use crate::cli::output::{Format, Target, clean, make_folder, targets};
@@ -140,19 +140,12 @@ impl<'a> Work<'a> {
         let layout = baking::layout_of_scene(transfer.layout(self.volume, &bands)?, self.geometry);
         let settings = transfer.settings(&layout, seed, false);
         let job = Job {
-            volume: self.volume,
-            label,
-            layout,
-            settings,
             goal: Goal { error: transfer.error, ..Goal::default() },
-            estimator: Estimator::Path,
             isovalues: Some(self.isovalues.clone()),
-            share: None,
             memory_limit: transfer.memory_limit,
             start: self.start,
-            effects: &self.effects,
-            hints: Hints::default(),
             geometry: self.geometry,
+            ..Job::new(self.volume, label, layout, settings, &self.effects)
         };
         job.check_memory()?;
         let folder = self.command.cache_folder()?;

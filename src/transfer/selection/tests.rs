@@ -1,0 +1,32 @@
+use super::*;
+
+#[test]
+fn a_cell_adds_what_lookups_in_it_read_and_no_more() {
+    let n = [14, 9, 3];
+    for ratio in [0.3, 0.5, 2.0 / 3.0, 1.0, 1.7, 3.0] {
+        let lattice = Lattice::from_ratio(n, ratio).unwrap();
+        let m = lattice.texels();
+        for cell in [[0, 0, 0], [5, 3, 1], [12, 7, 1], [7, 2, 0]] {
+            let mut selection = Selection::empty(lattice);
+            selection.insert_cell(cell);
+            let mut read = Selection::empty(lattice);
+            const STEPS: usize = 40;
+            let grid = |i: usize, a: usize| (cell[a] as f32 + (i as f32 / STEPS as f32)).min((cell[a] + 1) as f32);
+            // The texels of positive weight along each axis, as relight::lookup takes them.
+            let along = |i: usize, a: usize| {
+                let p = (f64::from(grid(i, a)) / lattice.step(a)).clamp(0.0, (m[a] - 1) as f64);
+                let base = (p as usize).min(m[a].saturating_sub(2));
+                let t = p - base as f64;
+                [(base, 1.0 - t), ((base + 1).min(m[a] - 1), t)].into_iter().filter(|w| w.1 > 0.0).map(|w| w.0)
+            };
+            let all = |a: usize| (0..=STEPS).flat_map(move |i| along(i, a)).collect::<Vec<_>>();
+            let (xs, ys, zs) = (all(0), all(1), all(2));
+            for &z in &zs {
+                for &y in &ys {
+                    xs.iter().for_each(|&x| read.insert([x, y, z]));
+                }
+            }
+            assert_eq!(selection.bits, read.bits, "ratio {ratio} cell {cell:?}");
+        }
+    }
+}
