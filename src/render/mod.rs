@@ -9,5 +9,5 @@ mod sun;
 
 pub use camera::{Camera, Projection, View};
 pub use pixels::{SeenPoint, seen_points};
-pub use preview::{Backdrop, Picture, RenderOptions, render, render_among, render_with_suns};
+pub use preview::{Backdrop, Picture, RenderOptions, radiance_along, render, render_among, render_with_suns};
 pub use sun::{SunLight, SunVisibility, sun_visibility};

@@ -70,6 +70,34 @@ pub fn render_among(
     picture(volume, pyramid, isovalue, contracted, light, material, camera, options, &[], Some(backdrop))
 }
 
+/// What one ray (origin and unit direction in world) sees of the level set alone, and how far away: for what is shown
+/// among others by [`render_among`].
+pub fn radiance_along(
+    volume: &Volume,
+    pyramid: &Pyramid,
+    isovalue: f64,
+    contracted: &Contracted,
+    light: &Light,
+    material: &Material,
+    camera: &Camera,
+    options: &RenderOptions,
+    origin: DVec3,
+    direction: DVec3,
+) -> Option<([f32; 3], f64)> {
+    with_samples!(volume.samples(), s => {
+        let scene = Scene {
+            field: LevelField::new(volume, s, pyramid),
+            volume,
+            isovalue: volume.raw_from_value(isovalue) as f32,
+            contracted, light, material, camera, options, suns: &[], backdrop: None,
+            clip: clip_box(volume),
+        };
+        let (mut counts, mut report) = (Counts::default(), LookupReport::default());
+        let (rgb, in_grid) = scene.shade(origin, direction, 0, &mut counts, &mut report)?;
+        Some((rgb, (volume.world_from_grid().point(in_grid) - origin).length()))
+    })
+}
+
 /// As [`render`], with the direct light of suns that were split off the environment: `light` is then the
 /// light without them, and every surface point tests their visibility by `rays` rays of each.
 pub fn render_with_suns(

@@ -51,6 +51,14 @@ pub struct Surrounded {
     pub wall_rays: u64,
     /// Rays to luminaires.
     pub light_rays: u64,
+    /// Names of other volumes whose level sets are met, and what couples their isovalues.
+    pub partners: Vec<String>,
+    /// Empty where there are none.
+    pub coupling: String,
+    /// Rays that came into their boxes, besides those above.
+    pub partner_rays: u64,
+    /// Paths' meetings with their level sets.
+    pub partner_hits: u64,
     /// Mean chance of a path to reach the environment within the layers.
     pub escape: f64,
 }
@@ -136,7 +144,9 @@ pub fn plan(input: &PlanInput<'_>) -> Plan {
         pilot.rays as f64 / pilot.paths.max(1) as f64 * f64::from(input.rays) * (1.0 - open_share(pilot))
     };
     let rays_per_texel = match input.surroundings {
-        Some(s) => (s.path_rays + s.light_rays) as f64 / pilot.paths.max(1) as f64 * f64::from(input.rays),
+        Some(s) => {
+            (s.path_rays + s.light_rays + s.partner_rays) as f64 / pilot.paths.max(1) as f64 * f64::from(input.rays)
+        }
         None => rays_per_texel,
     };
     let needed = (0..layers).find(|&k| remainder(pilot, albedo, k) <= input.tolerance).map_or(layers, |k| k + 1);
@@ -147,6 +157,7 @@ pub fn plan(input: &PlanInput<'_>) -> Plan {
             colour_channels(input),
             emission(input),
             walls(input),
+            coupling(input),
             luminaires(input),
             caustics(input),
             absent("media", "transmittance 1", "the scene has no medium that absorbs or scatters"),
@@ -328,6 +339,26 @@ fn walls(input: &PlanInput<'_>) -> Effect {
     }
 }
 
+fn coupling(input: &PlanInput<'_>) -> Effect {
+    match input.surroundings.filter(|s| !s.partners.is_empty()) {
+        None => absent("coupling", "no rays", "the scene has no other volume"),
+        Some(s) => Effect {
+            on: true,
+            estimated: true,
+            cost_share: share(s.partner_rays, s),
+            ..absent(
+                "coupling",
+                &s.coupling,
+                &format!(
+                    "lit and shaded together with {}; {:.1} % of the rays meet them",
+                    s.partners.join(", "),
+                    100.0 * s.partner_hits as f64 / s.path_rays.max(1) as f64
+                ),
+            )
+        },
+    }
+}
+
 fn luminaires(input: &PlanInput<'_>) -> Effect {
     if input.effects.switched("luminaires") == Some(false) {
         return switched_off("luminaires", "distant light alone", "luminaires and walls that shine are dark");
@@ -365,7 +396,7 @@ fn caustics(input: &PlanInput<'_>) -> Effect {
 }
 
 fn share(rays: u64, s: &Surrounded) -> f64 {
-    rays as f64 / (s.path_rays + s.light_rays).max(1) as f64
+    rays as f64 / (s.path_rays + s.light_rays + s.partner_rays).max(1) as f64
 }
 
 fn emission(input: &PlanInput<'_>) -> Effect {

@@ -26,7 +26,7 @@ pub use read::{ReadHint, read};
 
 use crate::error::{Error, Result};
 use crate::geom::{Affine, Bounds, Up};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// Which side of the level set is matter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -290,6 +290,23 @@ impl Volume {
     /// Offset from raw samples to values.
     pub fn inter(&self) -> f64 {
         self.inter
+    }
+
+    /// The same volume elsewhere: its world goes through a linear map, then to `translate`. A unit of length stays what it is.
+    ///
+    /// # Errors
+    /// When the map is not finite, or flattens space.
+    pub fn placed(self, linear: DMat3, translate: DVec3) -> Result<Self> {
+        let before = self.world_from_grid;
+        let world_from_grid = Affine::new(linear * before.linear(), linear * before.offset() + translate);
+        match world_from_grid.filter(|_| translate.is_finite()) {
+            Some(world_from_grid) => Ok(Self { world_from_grid, ..self }),
+            None => {
+                let found = format!("a map {linear:?} and {translate:?}");
+                let remedy = "choose a scale of ordinary size";
+                Err(Error::argument("scale and translate", found, "a finite map that keeps space apart", remedy))
+            }
+        }
     }
 
     /// Grid to world.

@@ -1,5 +1,5 @@
-//! What stands around a volume and is the same for every isovalue: walls, objects and luminaires, and where a ray
-//! meets them. (In the space of position and isovalue each triangle is a prism through the whole range.)
+//! What stands around a volume: walls, objects and luminaires, which are the same for every isovalue, and where a ray
+//! meets them; and other volumes, whose isovalues follow that of the ray ([`Partner`]). (In the space of position and isovalue each triangle is a prism through the whole range.)
 //!
 //! # Rules
 //! * World coordinates in `f64`; directions are unit vectors, distances are in world units.
@@ -14,6 +14,7 @@ mod hierarchy;
 mod light;
 mod luminaire;
 mod mesh;
+mod partner;
 mod primitive;
 
 #[cfg(test)]
@@ -22,6 +23,7 @@ mod tests;
 pub use light::{ArrivingLight, LightHit};
 pub use luminaire::{Luminaire, LuminaireShape};
 pub use mesh::{TriangleMesh, read_mesh};
+pub use partner::{Among, MOST_PARTNERS, Partner};
 pub use primitive::Shape;
 
 use crate::error::{Error, Result};
@@ -88,6 +90,9 @@ pub struct Geometry {
     emitters: Vec<Emitter>,
     nearest_allowed: f64,
     fingerprint: String,
+    // The baked volume, and the volumes beside it, sorted by name.
+    among: Option<Among>,
+    partners: Vec<Partner>,
 }
 
 /// Most primitives that are simply tried in turn.
@@ -158,12 +163,25 @@ impl Geometry {
         let bounds = boxes.fold(Bounds::EMPTY, |b, [low, high]| b.including(low).including(high));
         let nearest_allowed = if bounds.min.is_finite() { 1e-9 * bounds.size().length() } else { 0.0 };
         let hierarchy = (primitives.len() > FEW).then(|| Hierarchy::new(&primitives));
-        Ok(Self { primitives, finishes, shining, hierarchy, luminaires, emitters, nearest_allowed, fingerprint: hash })
+        let fingerprint = hash;
+        let (among, partners) = (None, Vec::new());
+        Ok(Self {
+            primitives,
+            finishes,
+            shining,
+            hierarchy,
+            luminaires,
+            emitters,
+            nearest_allowed,
+            fingerprint,
+            among,
+            partners,
+        })
     }
 
     /// Whether there is nothing at all: a volume alone.
     pub fn is_empty(&self) -> bool {
-        self.primitives.is_empty() && self.luminaires.is_empty()
+        self.primitives.is_empty() && self.luminaires.is_empty() && self.partners.is_empty()
     }
 
     /// Triangles, rectangles and spheres of all walls.

@@ -212,6 +212,11 @@ fn brick<T: Sample>(
             total.summary.texels -= 1;
             continue;
         }
+        if world.is_buried(&world.isovalues(site.isovalue), world.on_level(0, site.start).in_world) {
+            total.counts.buried += 1;
+            writer.blank(&mut bricks, t);
+            continue;
+        }
         let item = (texel[0] + mx * (texel[1] + my * texel[2])) as u64;
         trace(world, &site, item, bake.settings, found, &mut total.summary.counts, &mut total.counts);
         let flags = validity::VALID | if site.clamped { validity::CLAMPED } else { 0 };
@@ -243,6 +248,9 @@ pub fn pilot_scene(bake: &SceneBake<'_>, texels: u64) -> Result<SceneSummary> {
                 for &item in part {
                     total.summary.texels += 1;
                     let Some(site) = field.site(bake.layout.lattice.grid_from_texel(place(item))) else { continue };
+                    if world.is_buried(&world.isovalues(site.isovalue), world.on_level(0, site.start).in_world) {
+                        continue;
+                    }
                     trace(&world, &site, item, bake.settings, found, &mut total.summary.counts, &mut total.counts);
                     writer.write(found, bake.settings.rays, None, site.clamped, &mut total);
                 }

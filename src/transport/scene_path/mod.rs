@@ -9,6 +9,7 @@
 mod bake;
 mod estimate;
 mod glass;
+mod level_set;
 mod photons;
 mod reference;
 mod world;
