@@ -387,7 +387,8 @@ fn caustics(input: &PlanInput<'_>) -> Effect {
         return switched_off("caustics", "no photons", reason);
     }
     let reason = if s.needs_photons.is_empty() {
-        "mirrors or glass and diffuse surfaces see each other; luminaires with an area are met by the paths, with more noise"
+        "mirrors or glass and diffuse surfaces see each other; luminaires with an area are met by the paths, with more noise, \
+         others found by their images in up to 3 flat mirrors in a row"
             .into()
     } else {
         format!("{} would need photons, which are not built: the bake refuses", s.needs_photons.join(", "))

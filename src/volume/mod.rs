@@ -26,7 +26,7 @@ pub use read::{ReadHint, read};
 
 use crate::error::{Error, Result};
 use crate::geom::{Affine, Bounds, Up};
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 /// Which side of the level set is matter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -296,7 +296,7 @@ impl Volume {
     ///
     /// # Errors
     /// When the map is not finite, or flattens space.
-    pub fn placed(self, linear: DMat3, translate: DVec3) -> Result<Self> {
+    pub fn placed(self, linear: glam::DMat3, translate: DVec3) -> Result<Self> {
         let before = self.world_from_grid;
         let world_from_grid = Affine::new(linear * before.linear(), linear * before.offset() + translate);
         match world_from_grid.filter(|_| translate.is_finite()) {

@@ -76,8 +76,11 @@ impl Job<'_> {
         if self.scene_settings(&self.settings).caustics
             && let [first, ..] = needs_photons(geometry).as_slice()
         {
-            let found = format!("the luminaire {first}, a point or parallel light, beside mirrors or glass");
-            let expected = "luminaires with an area: caustics of others would need photons, which are not built";
+            let found = format!(
+                "the luminaire {first}, a point or parallel light, beside glass, a curved mirror, or more than six flat ones"
+            );
+            let expected =
+                "luminaires with an area, or flat mirrors: other caustics would need photons, which are not built";
             let remedy = "use a small sphere or rectangle, or leave its caustics out: --effects -caustics";
             return Err(Error::argument("caustics", found, expected, remedy));
         }

@@ -170,6 +170,9 @@ impl<'a> Companion<'a> {
     ) -> Option<([f32; 3], f64)> {
         let (volume, pyramid) = (&self.member.volume, &self.member.pyramid);
         let (isovalue, light) = (self.surface.isovalue, &lighting.light);
+        // Its transfer has its own factor in it; what shows without transfer has not.
+        let tint = self.member.coupling.tint;
+        let material = &Material { albedo: std::array::from_fn(|c| material.albedo[c] * tint[c]), ..*material };
         radiance_along(volume, pyramid, isovalue, contracted, light, material, camera, options, origin, direction)
     }
 }

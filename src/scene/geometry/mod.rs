@@ -78,6 +78,19 @@ pub struct WallHit {
     pub luminaire: Option<usize>,
 }
 
+/// A part of a mirror that is flat.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlatMirror {
+    /// The part.
+    pub part: u32,
+    /// A point of its plane.
+    pub point: DVec3,
+    /// Unit normal of its plane.
+    pub normal: DVec3,
+    /// Share of the light that it reflects.
+    pub reflectance: [f64; 3],
+}
+
 /// All walls and luminaires of a scene, ready for rays.
 #[derive(Clone, Debug)]
 pub struct Geometry {
@@ -199,6 +212,19 @@ impl Geometry {
         self.finishes.iter().any(Finish::is_specular)
     }
 
+    /// The flat parts of all mirrors; `None` where something specular is not flat: glass, or a mirror that is a sphere.
+    pub fn flat_mirrors(&self) -> Option<Vec<FlatMirror>> {
+        let specular = (0..self.primitives.len()).filter(|&i| self.finishes[i].is_specular());
+        let mirror = |i: usize| match (&self.primitives[i], self.finishes[i]) {
+            (Primitive::Rectangle(flat) | Primitive::Triangle(flat), Finish::Mirror(share)) => {
+                let reflectance = share.map(f64::from);
+                Some(FlatMirror { part: i as u32, point: flat.corner, normal: flat.normal, reflectance })
+            }
+            _ => None,
+        };
+        specular.map(mirror).collect()
+    }
+
     /// Hash of all that decides what walls and luminaires do to light.
     pub fn fingerprint(&self) -> &str {
         &self.fingerprint
@@ -274,6 +300,11 @@ impl Geometry {
             (origin, from, passed) = (origin + hit.distance * direction, Some(hit.part), passed + hit.distance);
         }
         None
+    }
+
+    /// How far along a ray a part is met; `from` is the part it starts on.
+    pub fn distance_to_part(&self, part: u32, origin: DVec3, direction: DVec3, from: Option<u32>) -> Option<f64> {
+        self.distance_to(part, origin, direction, from)
     }
 
     fn distance_to(&self, part: u32, origin: DVec3, direction: DVec3, from: Option<u32>) -> Option<f64> {

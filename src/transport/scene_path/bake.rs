@@ -99,8 +99,14 @@ impl SceneBake<'_> {
             && let [first, ..] = super::needs_photons(self.geometry).as_slice()
         {
             let remedy = "use a small sphere or rectangle instead, or leave its caustics out: --effects -caustics";
-            let found = format!("{first}, a point or parallel light, and mirrors or glass in the scene");
-            return Err(Error::argument("caustics", found, "luminaires with an area beside mirrors and glass", remedy));
+            let found =
+                format!("{first}, a point or parallel light, beside glass or mirrors that are not flat, or many");
+            return Err(Error::argument(
+                "caustics",
+                found,
+                "luminaires with an area, or up to six flat mirrors",
+                remedy,
+            ));
         }
         Ok(())
     }

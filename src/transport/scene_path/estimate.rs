@@ -10,10 +10,12 @@
 //! its emission is theirs, too.
 //!
 //! Luminaires are found in two ways, by sampling them and by the cosine, combined by the balance heuristic (Veach and Guibas
-//! 1995, eq. 9). After a mirror or glass only the path itself finds them. Paths end after the last stored layer, or between
+//! 1995, eq. 9). After a mirror or glass only the path itself finds them; points and parallel light are found by their images
+//! in flat mirrors. Paths end after the last stored layer, or between
 //! walls by Russian roulette on the largest channel of W.
 
 use super::super::REPLICATES;
+use super::images::Images;
 use super::world::{Met, Origin, Place, SceneCounts, World};
 use super::{SceneSettings, glass};
 use crate::geom::{Frame, Normal};
@@ -141,6 +143,15 @@ impl<T: Sample> Path<'_, '_, T> {
 
     fn sample_luminaires(&self, at: &Turn, turn: u32, found: &mut Found, level: &mut Counts, counts: &mut SceneCounts) {
         for l in 0..self.world.geometry.luminaires().len() {
+            if self.settings.caustics {
+                let images = Images { world: self.world, isovalues: self.isovalues, from: at.origin, luminaire: l };
+                images.each(level, counts, &mut |direction, value| {
+                    let cosine = direction.dot(at.normal.vec().as_dvec3());
+                    if cosine > 0.0 {
+                        self.add(found, 1 + l, value, cosine / PI);
+                    }
+                });
+            }
             let u = self.pair(turn, 1 + l as u32);
             let Some(light) = self.world.geometry.arriving(l, at.origin.in_world, u) else { continue };
             let cosine = light.direction.dot(at.normal.vec().as_dvec3());

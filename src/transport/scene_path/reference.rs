@@ -7,6 +7,7 @@
 use super::super::REPLICATES;
 use super::super::direct::Radiance;
 use super::glass;
+use super::images::Images;
 use super::world::{Isovalues, Met, Origin, Place, SceneCounts, World};
 use crate::error::{Error, Result};
 use crate::geom::{Direction, Frame, Normal};
@@ -233,6 +234,13 @@ impl<T: Sample> Tracer<'_, T> {
             }
             if self.settings.samples_luminaires {
                 for l in 0..luminaires {
+                    let images = Images { world: &self.world, isovalues: &self.isovalues, from: place, luminaire: l };
+                    images.each(level, counts, &mut |direction, value| {
+                        let cosine = direction.dot(normal.vec().as_dvec3());
+                        if cosine > 0.0 {
+                            add(&mut found, &weight, scaled(l, value), cosine / PI);
+                        }
+                    });
                     let u = sampler.pair(path, pairs * turn + 1 + l as u32);
                     let Some(light) = geometry.arriving(l, place.in_world, u) else { continue };
                     let cosine = light.direction.dot(normal.vec().as_dvec3());

@@ -9,10 +9,11 @@
 //! Where volumes have partners a ray carries an isovalue for each of them, and the nearest of their level sets counts. A point
 //! of one that lies in the solid of another is *buried*: no light reaches it.
 
+use super::images;
 use super::level_set::{Along, PartnerSet, Placement, Standing};
 use crate::geom::Normal;
 use crate::level::{CellPoint, Counts, LevelField, Start};
-use crate::scene::geometry::{Geometry, LightHit, WallHit};
+use crate::scene::geometry::{FlatMirror, Geometry, LightHit, Partner, WallHit};
 use crate::volume::{Sample, Volume, with_samples};
 use glam::DVec3;
 
@@ -105,11 +106,13 @@ pub(super) struct World<'a, T> {
     volume: &'a Volume,
     placement: Placement,
     partners: Vec<Box<dyn PartnerSet + 'a>>,
+    /// Those in which images of luminaires are looked for.
+    pub(super) mirrors: Vec<FlatMirror>,
 }
 
 impl<'a, T: Sample> World<'a, T> {
     pub(super) fn new(volume: &'a Volume, field: &'a LevelField<'a, T>, geometry: &'a Geometry) -> Self {
-        let partner = |partner: &'a crate::scene::geometry::Partner| -> Box<dyn PartnerSet + 'a> {
+        let partner = |partner: &'a Partner| -> Box<dyn PartnerSet + 'a> {
             let (volume, pyramid) = (&*partner.volume, &*partner.pyramid);
             with_samples!(volume.samples(), s => {
                 let field = LevelField::new(volume, s, pyramid);
@@ -117,13 +120,20 @@ impl<'a, T: Sample> World<'a, T> {
             })
         };
         let partners = geometry.partners().iter().map(partner).collect();
-        Self { field, geometry, volume, placement: Placement::new(volume), partners }
+        Self {
+            field,
+            geometry,
+            volume,
+            placement: Placement::new(volume),
+            partners,
+            mirrors: images::mirrors(geometry),
+        }
     }
 
     /// The isovalues of a ray, from that of the volume in raw samples.
     pub(super) fn isovalues(&self, raw: f32) -> Isovalues {
         let value = self.volume.value_from_raw(f64::from(raw));
-        let of_partner = |p: &crate::scene::geometry::Partner| p.volume.raw_from_value(p.isovalue.at(value)) as f32;
+        let of_partner = |p: &Partner| p.volume.raw_from_value(p.isovalue.at(value)) as f32;
         std::iter::once(raw).chain(self.geometry.partners().iter().map(of_partner)).collect()
     }
 
