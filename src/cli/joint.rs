@@ -109,6 +109,9 @@ pub(super) fn open(
     let descriptions = &file.scene.volumes;
     let Some(coupling) = &file.scene.coupling else { return Err(Failure::Message("a scene without coupling".into())) };
     let mut inputs = descriptions.iter().map(|d| open_one(file, d, args)).collect::<Outcome<Vec<_>>>()?;
+    // One world has one up.
+    let up = inputs.first().map(|first| first.volume.up).unwrap_or_default();
+    inputs.iter_mut().for_each(|input| input.volume.up = up);
     let coupled = |input: &Input| Coupled { name: input.volume.name.clone(), range: input.volume.value_range() };
     let volumes: Vec<Coupled> = inputs.iter().map(coupled).collect();
     let in_line = |error| file.scene.at_line(coupling.line, error);

@@ -323,5 +323,8 @@ pub fn scene() -> Vec<Seed> {
         colour = [1, 0.9, 0.8]\n[[luminaires]]\nshape = \"sphere\"\ncentre = [0, 2, 0]\nradius = 0.1\npower = [1, 2, 3]\n\
         [[luminaires]]\nshape = \"point\"\nposition = [0, 0, 3]\npower = 1\n[[luminaires]]\nshape = \"directional\"\n\
         direction = [0, 0, -1]\nirradiance = 5\n";
-    vec![("bare.toml", bare.into()), ("room.toml", room.into())]
+    let pair = "coupling = [[47, 0.6], [60, 0.8]]\nisovalues = 50\n[[volumes]]\nname = \"a\"\nvolume = \"bumpbox:8\"\n\
+        [[volumes]]\nname = \"b\"\nvolume = \"gyroid:8\"\nsolid = \"below\"\nscale = 0.3\nrotate = [1, 2, 3, 40]\n\
+        translate = [0.35, 0.08, 0.35]\nalbedo = [0.3, 0.5, 1.0]\n";
+    vec![("bare.toml", bare.into()), ("room.toml", room.into()), ("pair.toml", pair.into())]
 }
