@@ -11,11 +11,13 @@ use isolume::level::Pyramid;
 use isolume::relight::{
     Contracted, Light, LookupReport, LuminaireLight, Material, contract_scene, texels_of_isosurface,
 };
-use isolume::sampling::statistics::{Running, normal_two_sided, sidak};
+use isolume::sampling::statistics::{Running, normal_two_sided, rms, sidak};
 use isolume::scene::geometry::{Among, Finish, Geometry, Luminaire, LuminaireShape, Partner, Shape, Wall};
 use isolume::scene::{Coupled, Coupling};
 use isolume::transfer::{BRICK, BrickSource, CHUNK, Lattice, Layers, Layout, MemoryTexture, Selection, validity};
-use isolume::transport::{Progress, SceneBake, SceneCounts, SceneSettings, bake_scene};
+use isolume::transport::{
+    Progress, SceneBake, SceneCounts, SceneReference, SceneSettings, bake_scene, scene_radiance, trace_photons,
+};
 use isolume::volume::field::{Field, by_name, sample};
 use isolume::volume::{Samples, Volume};
 use program::Bench;
@@ -109,6 +111,14 @@ impl Baked {
         let n = texture.layout().layers.coefficients();
         let valid = view.validity[t] & validity::VALID != 0;
         valid.then(|| view.transfer[t * n..(t + 1) * n].iter().map(|v| f64::from(v.to_f32())).collect())
+    }
+
+    /// The standard error of the first layer of a texel in a group of one band.
+    fn error(&self, group: usize, texel: [usize; 3]) -> f64 {
+        let texture = &self.textures[group];
+        let view = texture.brick(texel.map(|i| i / BRICK)).expect("a brick").expect("baked");
+        let [x, y, z] = texel.map(|i| i % BRICK);
+        f64::from(view.stderr[(x + BRICK * (y + BRICK * z)) * texture.layout().layers.errors()].to_f32())
     }
 
     fn lit(&self, light: &Light, material: &Material) -> Contracted {
@@ -265,10 +275,8 @@ fn facing_squares_are_two_level_sets() {
         let glows = Material::new([1.0; 3], [1.0; 3]).expect("a material");
         let lit = scene.lit(&Light::constant([0.0; 3]), &glows);
         let on_square: Vec<[usize; 3]> = scene.texels().filter(|t| t[2] == 2).collect();
-        let positions: Vec<[f32; 3]> = on_square.iter().map(|t| t.map(|i| i as f32)).collect();
-        let errors = lit.look_up_errors(&positions);
         // Four replicates make a poor error of one texel: all together make a good one of all.
-        let pooled = (errors.iter().map(|e| f64::from(*e).powi(2)).sum::<f64>() / errors.len() as f64).sqrt();
+        let pooled = rms(on_square.iter().map(|t| scene.error(1, *t)));
         let (mut mean, mut weights, mut squares) = (0.0, 0.0, Running::new());
         for texel in &on_square {
             let [x, y] = [texel[0], texel[1]].map(|i| i as f64 / 16.0);
@@ -300,6 +308,36 @@ fn facing_squares_are_two_level_sets() {
             assert!((found - expected).abs() < 1e-3 * expected, "{texel:?}: {found} {expected}");
         }
     }
+}
+
+/// A lamp in the middle between two black squares, which are faces of a cube around it: a third of its power ends on them.
+/// A ray that meets the other volume sees it glow.
+#[test]
+fn photons_and_rays_meet_the_other_volume() {
+    let (low, high) = (square("low", 0.0, -1.0), square("high", 1.0, 1.0));
+    let shape = LuminaireShape::Point { position: DVec3::splat(0.5) };
+    let lamp = Luminaire { name: "bulb".into(), shape, power: [1.0; 3] };
+    let around = Geometry::new(Vec::new(), vec![lamp], 1.0).expect("a lamp");
+    let geometry = among(&low, &[&high], &Coupling::Normalised, WHITE, around);
+    let pyramid = Pyramid::new(&low);
+    let photons = 1 << 14;
+    let balance = trace_photons(&low, &pyramid, &geometry, 0.0, [0.0; 3], 0, photons, 3).expect("photons");
+    let error = (1.0 / 3.0 * 2.0 / 3.0 / f64::from(photons)).sqrt();
+    assert!((balance.in_level_set - 1.0 / 3.0).abs() < 4.0 * error, "{balance:?}");
+    assert!((balance.sum() - 1.0).abs() < 1e-6, "{balance:?}");
+    let settings = SceneReference {
+        paths: 4,
+        albedo: [0.0; 3],
+        emission: [1.0, 2.0, 3.0],
+        scales: Vec::new(),
+        samples_luminaires: true,
+        sees_through_backs: false,
+        seed: 0,
+    };
+    let rays = [DVec3::Z, -DVec3::Z, DVec3::X].map(|direction| (DVec3::new(0.4, 0.6, 0.5), direction));
+    let (seen, _) = scene_radiance(&low, &pyramid, &geometry, 0.0, &rays, None, &settings).expect("rays");
+    let seen: Vec<Option<[f64; 3]>> = seen.into_iter().map(|s| s.map(|s| s.mean)).collect();
+    assert_eq!(seen, [Some([1.0, 2.0, 3.0]), Some([1.0, 2.0, 3.0]), None]);
 }
 
 /// Two squares back to back: no ray of one comes to the other, and nothing of it is tried.
@@ -454,6 +492,9 @@ fn a_pair_is_baked_into_one_store_and_lit_together() {
     let [both, same, bumps, gyroid] =
         ["both", "same", "bumps", "gyroid"].map(|n| radiance(&bench.bytes(&format!("{n}.ply"))));
     assert!(both == [bumps, gyroid].concat() && both == same && !both.is_empty());
+    for name in ["bumps", "gyroid"] {
+        bench.run(&format!("export pair.isolume --volume {name} --env sky -o {name}.nrrd"));
+    }
     // Baked again nothing is done; the scene lights the same surfaces by itself.
     let again = bench.json("bake pair.toml -o pair.isolume");
     assert!((0..2).all(|v| again["volumes"][v]["bake"]["chunks"]["baked"] == 0), "{again}");

@@ -168,7 +168,8 @@ fn store_at(argument: &str) -> Result<Diagnosis> {
     });
     let mut findings = found.findings;
     // The other volumes of a scene.
-    for name in store.volumes()?.iter().skip(1) {
+    let volumes = store.volumes()?;
+    for name in volumes.split_first().map_or(&[][..], |(_, others)| others) {
         let other = store.of_volume(name)?;
         let lattice = other.layout().lattice;
         findings.extend(store::diagnose(&other, &|volume, held| selection(lattice, volume, held))?.findings);

@@ -247,7 +247,7 @@ fn shadowing(input: &PlanInput<'_>, albedo: f64, ignored: bool) -> Effect {
             if always {
                 "proofs are switched off".into()
             } else if input.surroundings.is_some() {
-                "among walls every texel is traced".into()
+                "among walls and other volumes every texel is traced".into()
             } else {
                 format!("{:.1} % are proven open", 100.0 * open)
             }
@@ -306,8 +306,8 @@ fn colour_channels(input: &PlanInput<'_>) -> Effect {
         let reason = "no wall or luminaire has a colour: one grey transfer serves every albedo exactly";
         return absent("colour-channels", "grey layers", reason);
     }
-    let reason =
-        "walls and luminaires have colours of their own; the albedo of the level set stays free for relighting";
+    let reason = "walls, luminaires and other volumes may have colours of their own; the albedo of the level set stays free \
+        for relighting";
     Effect { on: true, ..absent("colour-channels", "red, green and blue layers", reason) }
 }
 

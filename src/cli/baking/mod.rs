@@ -246,8 +246,11 @@ impl Job<'_> {
     pub(super) fn check_memory(&self) -> Result<()> {
         let needed = options::bake_bytes(self.volume, &self.layout, self.isovalues.as_ref().map_or(1, Vec::len));
         let groups = self.geometry.map_or(0, |geometry| scene::bytes_of_groups(&self.layout.layers, geometry));
+        // Partners with their pyramids, as the volume itself.
+        let partners = self.geometry.map_or(&[][..], Geometry::partners).iter();
+        let partners: u64 = partners.map(|p| p.volume.samples().bytes().len() as u64 / 4 * 5).sum();
         // 16 chunks of 32³ texels are held.
-        let needed = needed + groups * (16 << 15);
+        let needed = needed + partners + groups * (16 << 15);
         options::check_memory(&format!("the bake of {}", self.label), needed, self.memory_limit)?;
         if let Some(geometry) = self.geometry {
             self.check_scene(geometry)?;

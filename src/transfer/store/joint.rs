@@ -175,7 +175,7 @@ pub(super) fn nodes_of_root(attributes: &Value) -> Result<Vec<String>> {
     nodes
         .filter(|nodes| nodes.first().is_some_and(|first| about["volume"] == **first))
         .filter(|nodes| nodes.iter().enumerate().all(|(i, node)| !nodes[..i].contains(node)))
-        .ok_or_else(|| Error::format(FORMAT, "no names of volumes", "`volume`: a node name", METADATA_REMEDY))
+        .ok_or_else(|| Error::format(FORMAT, "no name of a volume", "`volume`: a node name", METADATA_REMEDY))
 }
 
 /// The identity of a volume, and all else that its group says.
