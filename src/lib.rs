@@ -22,6 +22,8 @@
 //! Walls and luminaires around the volume are the same for every isovalue. Where a scene has them, transfer has three
 //! channels and each luminaire a texture of its own ([`transfer::Group`]), and another estimator fills them
 //! ([`transport::bake_scene`]); the albedo of the level set and the power of the luminaires stay free for relighting.
+//! Other volumes may stand there too: a ray then carries an isovalue for each, and [`scene::Coupling`] says which belong
+//! together; every volume gets a texture of its own.
 //!
 //! # Words
 //! * **h**: the scalar field, trilinear between samples, vertex-centred ([`volume`]).

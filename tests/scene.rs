@@ -132,7 +132,7 @@ fn counters_show_that_what_is_off_costs_nothing() {
         count(&whole, "shadowing", "rays") + count(&whole, "interreflection", "rays"),
         whole["rays"].as_u64().expect("rays")
     );
-    assert_eq!(whole["plan"].as_array().map(Vec::len), Some(11));
+    assert_eq!(whole["plan"].as_array().map(Vec::len), Some(12));
     let direct = effects("bake gyroid:16 --rays 8 --bands 2 --effects -interreflection -o b.isolume");
     assert_eq!(count(&direct, "interreflection", "rays"), 0);
     assert_eq!(direct["mean_escapes"].as_array().map(Vec::len), Some(1));

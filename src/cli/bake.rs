@@ -7,7 +7,7 @@ use super::isovalue::Isovalue;
 use super::light::open_probe;
 use super::options::{BakeArgs, Texture};
 use super::scene::SceneFile;
-use super::{Failure, Outcome, forecast, output, replay, text};
+use super::{Failure, Outcome, forecast, joint, output, replay, text};
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::relight::Material;
@@ -15,7 +15,7 @@ use crate::study::model::ENOUGH;
 use crate::transfer::Layout;
 use crate::transfer::store::Store;
 use crate::volume::Volume;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -85,7 +85,30 @@ impl Bake {
         if let (Some(path), None) = (&self.output, self.replay_texel) {
             check_output(path)?;
         }
-        let scene = self.scene.as_ref();
+        let members = self.scene.as_ref().map_or(1, SceneFile::members);
+        if members > 1 && self.chunks.is_some() {
+            let remedy = "leave out --chunks, or share out one volume among walls";
+            return Err(joint::refuse("--chunks", "a scene of one volume", remedy));
+        }
+        if members > 1 && self.replay_texel.is_some() {
+            return Err(joint::refuse("--replay-texel", "a volume alone", "give the volume itself"));
+        }
+        let mut reports = Vec::new();
+        for member in 0..members {
+            reports.extend(self.run_member(member, seed, start, console)?);
+        }
+        if let (1, Some(json)) = (members, reports.first()) {
+            console.print_json(json);
+        } else if !reports.is_empty() {
+            console.print_json(&json!({ "store": reports[0]["store"], "volumes": reports }));
+        }
+        Ok(())
+    }
+
+    /// Bakes one volume of a scene; what is to be told of it, if it was baked.
+    fn run_member(&self, member: usize, seed: u64, start: Instant, console: &Console) -> Outcome<Option<Value>> {
+        let scene = self.scene.as_ref().map(|file| file.of_member(member));
+        let scene = scene.as_ref();
         let mut opened = super::scene::open(&self.input, &self.volume, scene, &self.bake.transfer.effects())?;
         self.bake.transfer.switch_shadows(&mut opened.volume);
         let volume = &opened.volume;
@@ -97,7 +120,7 @@ impl Bake {
         let is_empty = self.is_empty(volume)?;
         if let (Some(time), false) = (self.auto, is_empty) {
             forecast::check("--auto", geometry.is_some(), self.bake.estimator)?;
-            let chosen = self.bake.isovalues(volume, opened.default_isovalue, scene)?;
+            let chosen = self.bake.isovalues(&opened, scene)?;
             let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
             (transfer.texture, transfer.rays) =
                 self.choose_texture(volume, isovalues.as_deref(), time, start, seed, console)?;
@@ -109,13 +132,14 @@ impl Bake {
                 let message = "--replay-texel knows no walls and luminaires: give the volume itself";
                 return Err(Failure::Message(message.into()));
             }
-            return replay::run(volume, &layout, &settings, texel, console);
+            replay::run(volume, &layout, &settings, texel, console)?;
+            return Ok(None);
         }
         let chosen = if is_empty {
             console.note("every sample is the same: no surface, the store is empty");
             None
         } else {
-            self.bake.isovalues(volume, opened.default_isovalue, scene)?
+            self.bake.isovalues(&opened, scene)?
         };
         for isovalue in chosen.iter().flatten() {
             if let Some(reason) = &isovalue.reason {
@@ -133,7 +157,7 @@ impl Bake {
         let Some(path) = &self.output else {
             return Err(Failure::Message("the output is missing: give -o X.isolume".into()));
         };
-        if self.force && path.symlink_metadata().is_ok() {
+        if self.force && member == 0 && path.symlink_metadata().is_ok() {
             // Only what is a store of ours may be deleted.
             drop(Store::open(path)?);
             std::fs::remove_dir_all(path).map_err(|e| crate::Error::io(path, "remove the old store", e))?;
@@ -141,12 +165,11 @@ impl Bake {
         let (store, report) = fill(&job, path, console)?;
         let bytes = size_on_disk(path);
         console.print(format!("{}\n{}", path.display(), report.lines(bytes)));
-        console.print_json(&json!({
+        Ok(Some(json!({
             "store": file_name(&path.display().to_string()),
             "identity": store.identity(),
             "bake": report.json(bytes),
-        }));
-        Ok(())
+        })))
     }
 }
 

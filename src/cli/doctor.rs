@@ -166,7 +166,15 @@ fn store_at(argument: &str) -> Result<Diagnosis> {
         "identity": identity, "chunks": found.chunks, "sound": found.sound, "bricks": found.bricks,
         "isovalues": isovalues, "rays": held.rays, "error_targets": held.targets, "bytes": bytes,
     });
-    Ok(Diagnosis { summary, facts, findings: found.findings })
+    let mut findings = found.findings;
+    // The other volumes of a scene.
+    let volumes = store.volumes()?;
+    for name in volumes.split_first().map_or(&[][..], |(_, others)| others) {
+        let other = store.of_volume(name)?;
+        let lattice = other.layout().lattice;
+        findings.extend(store::diagnose(&other, &|volume, held| selection(lattice, volume, held))?.findings);
+    }
+    Ok(Diagnosis { summary, facts, findings })
 }
 
 fn selection(lattice: Lattice, volume: &Volume, held: &Holdings) -> Selection {

@@ -4,11 +4,12 @@ use super::console::Console;
 use super::info::check_store;
 use super::light::{LightArgs, MaterialArgs, open_probe};
 use super::output::check_file;
+use super::scene_light::contracted as contracted_by;
 use super::{Outcome, text};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::export::field::{RadianceField, write_nrrd, write_raw, write_raw_header, write_vti};
-use crate::relight::{LookupReport, Material, contract};
+use crate::relight::{LookupReport, Material};
 use crate::scene::MaterialRule;
 use crate::transfer::store::Store;
 use crate::transfer::{BRICK, BrickSource, BrickView, Lattice, Selection, validity};
@@ -32,6 +33,9 @@ pub(super) struct Export {
     /// File to write: .vti (ParaView, VTK), .nrrd (3D Slicer, ITK), or .raw (RGBA floats, with a header .nhdr beside it)
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    /// Which of several volumes baked together [default: the first]
+    #[arg(long, value_name = "NAME")]
+    volume: Option<String>,
     #[command(flatten, next_help_heading = "Light")]
     light: LightArgs,
     #[command(flatten, next_help_heading = "Material")]
@@ -49,6 +53,10 @@ impl Export {
     pub(super) fn run(&self, console: &Console) -> Outcome {
         let format = self.check()?;
         let store = Store::open(&self.input)?;
+        let store = match &self.volume {
+            Some(name) => store.of_volume(name)?,
+            None => store,
+        };
         let volume = store.volume()?;
         let layout = store.layout();
         let MaterialRule::Constant(albedo) = self.material.rule(volume.value_range())? else {
@@ -62,7 +70,7 @@ impl Export {
         let lighting = self.light.prepare(&probe, volume.up, &layout.layers, false)?;
         lighting.notes.iter().for_each(|note| console.note(note));
         let bricks = Selection::all(layout.lattice).bricks();
-        let mut contracted = contract(&store, &bricks, &lighting.light, &material)?;
+        let mut contracted = contracted_by(&store, &bricks, &lighting, &material, &self.light.luminaires)?;
         if lighting.certified {
             contracted.clamp_negative();
         }

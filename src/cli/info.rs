@@ -218,6 +218,15 @@ fn store(argument: &str, console: &Console) -> Outcome {
         let names = if scene.luminaires.is_empty() { "none".into() } else { scene.luminaires.join(", ") };
         rows.push(row("scene", format!("red, green and blue among walls or luminaires; luminaires: {names}")));
     }
+    let volumes = store.volumes()?;
+    if let Some(coupling) = identity.scene.as_ref().and_then(|scene| scene.coupling.as_ref()) {
+        let others: Vec<&str> = coupling.partners.iter().map(|p| p.name.as_str()).collect();
+        let held = volumes.join(", ");
+        rows.push(row(
+            "volumes",
+            format!("{held}; {} lit with {}: {}", coupling.name, others.join(", "), coupling.coupling),
+        ));
+    }
     rows.push(row("isovalues", isovalues_text(&held)));
     let all: usize = store.layout().lattice.chunks().iter().product();
     rows.push(row("baked", format!("{} of {all} chunks, {}", held.chunks, text::bytes(bytes as f64))));
@@ -225,7 +234,7 @@ fn store(argument: &str, console: &Console) -> Outcome {
     console.print(text::table(&rows));
     let isovalues = if held.all { json!("all") } else { json!(held.isovalues) };
     console.print_json(&json!({
-        "store": file_name(argument), "identity": identity, "provenance": store.provenance(),
+        "store": file_name(argument), "volumes": volumes, "identity": identity, "provenance": store.provenance(),
         "isovalues": isovalues, "chunks": held.chunks, "chunks_of_lattice": all, "rays": held.rays,
         "error_targets": held.targets, "bytes": bytes,
     }));

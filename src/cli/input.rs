@@ -1,5 +1,6 @@
 //! The volume argument: a file or an analytic field by name.
 
+use super::joint::Joint;
 use super::{Outcome, text};
 use crate::error::{Error, Result};
 use crate::geom::Up;
@@ -59,6 +60,8 @@ pub(super) struct Input {
     pub(super) default_isovalue: Option<f64>,
     /// What stands around it.
     pub(super) geometry: Option<Geometry>,
+    /// How its isovalues follow those of the first, where it stands among other volumes.
+    pub(super) joint: Option<Joint>,
 }
 
 /// Opens a volume argument.
@@ -66,11 +69,11 @@ pub(super) fn open(argument: &str, args: &VolumeArgs) -> Outcome<Input> {
     let mut input = match field::by_name(argument)? {
         Some(named) => {
             let default_isovalue = Some(named.field.default_isovalue());
-            Input { volume: named.sample()?, label: argument.into(), default_isovalue, geometry: None }
+            Input { volume: named.sample()?, label: argument.into(), default_isovalue, geometry: None, joint: None }
         }
         None => {
             let (volume, label) = (open_file(argument, args)?, file_name(argument));
-            Input { volume, label, default_isovalue: None, geometry: None }
+            Input { volume, label, default_isovalue: None, geometry: None, joint: None }
         }
     };
     if let Some(side) = args.solid {

@@ -32,6 +32,26 @@ impl FromStr for Isovalue {
     }
 }
 
+/// An isovalue, perhaps of one of several volumes: `NAME=C`.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct NamedIsovalue {
+    /// The volume, where it is named.
+    pub(super) volume: Option<String>,
+    pub(super) isovalue: Isovalue,
+}
+
+impl FromStr for NamedIsovalue {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        match text.split_once('=') {
+            Some((name, _)) if name.trim().is_empty() => Err(format!("`{text}`: give NAME=C, such as inner=0.5")),
+            Some((name, isovalue)) => Ok(Self { volume: Some(name.trim().into()), isovalue: isovalue.parse()? }),
+            None => Ok(Self { volume: None, isovalue: text.parse()? }),
+        }
+    }
+}
+
 /// An isovalue in the file's values, and why it was chosen if the program chose it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Chosen {

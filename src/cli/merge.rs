@@ -3,7 +3,7 @@
 use super::Outcome;
 use super::console::Console;
 use super::input::file_name;
-use super::{baking, text};
+use super::{baking, joint, text};
 use crate::error::Error;
 use crate::transfer::store::Store;
 use serde_json::json;
@@ -28,6 +28,10 @@ impl Merge {
     pub(super) fn run(&self, console: &Console) -> Outcome {
         let sources = self.inputs.iter().map(Store::open).collect::<Result<Vec<_>, Error>>()?;
         let first = &sources[0];
+        if sources.iter().any(|store| store.volumes().is_ok_and(|held| held.len() > 1)) {
+            let remedy = "bake into one store instead: what is there is kept";
+            return Err(joint::refuse("merge", "stores of one volume", remedy));
+        }
         let volume = first.volume()?;
         // Every store must fit before one is touched.
         for store in &sources[1..] {

@@ -29,6 +29,7 @@ mod forecast;
 mod info;
 mod input;
 mod isovalue;
+mod joint;
 mod light;
 mod merge;
 mod options;

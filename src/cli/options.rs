@@ -1,6 +1,7 @@
 //! What a bake computes, as options: shared by `plan`, `bake` and the lazy bake of `relight`.
 
 use super::baking::Estimator;
+use super::input::Input;
 use super::isovalue::{Chosen, Isovalue};
 use super::scene::SceneFile;
 use super::text;
@@ -178,16 +179,18 @@ impl TransferArgs {
 
 impl BakeArgs {
     /// The isovalues asked for, in the file's values; `None` for all.
-    pub(super) fn isovalues(
-        &self,
-        volume: &Volume,
-        of_field: Option<f64>,
-        scene: Option<&SceneFile>,
-    ) -> Result<Option<Vec<Chosen>>> {
+    pub(super) fn isovalues(&self, opened: &Input, scene: Option<&SceneFile>) -> Result<Option<Vec<Chosen>>> {
         if self.isovalues.is_empty() {
             return Ok(None);
         }
-        let resolve = |i: &Isovalue| i.resolve(volume, of_field).map_err(|e| in_scene(e, scene, i));
+        let (volume, of_field) = (&opened.volume, opened.default_isovalue);
+        let resolve = |i: &Isovalue| {
+            let found = match &opened.joint {
+                Some(joint) => joint.resolve(i, volume, of_field),
+                None => i.resolve(volume, of_field),
+            };
+            found.map_err(|e| in_scene(e, scene, i))
+        };
         self.isovalues.iter().map(resolve).collect::<Result<Vec<_>>>().map(Some)
     }
 }

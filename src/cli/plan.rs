@@ -11,6 +11,7 @@ use super::{Outcome, forecast, text};
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::scene;
+use crate::scene::geometry::Geometry;
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -46,14 +47,29 @@ pub(super) struct Plan {
 
 impl Plan {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
-        let scene = self.scene.as_ref();
+        let members = self.scene.as_ref().map_or(1, SceneFile::members);
+        let mut plans = Vec::new();
+        for member in 0..members {
+            plans.push(self.run_member(member, seed, console)?);
+        }
+        match plans.as_slice() {
+            [one] => console.print_json(one),
+            all => console.print_json(&json!({ "volumes": all })),
+        }
+        Ok(())
+    }
+
+    /// The plan of one volume of a scene.
+    fn run_member(&self, member: usize, seed: u64, console: &Console) -> Outcome<Value> {
+        let scene = self.scene.as_ref().map(|file| file.of_member(member));
+        let scene = scene.as_ref();
         let mut opened = super::scene::open(&self.input, &self.volume, scene, &self.bake.transfer.effects())?;
         self.bake.transfer.switch_shadows(&mut opened.volume);
         let volume = &opened.volume;
         let geometry = opened.geometry.as_ref();
         let layout = layout_of_scene(self.bake.transfer.layout(volume, &self.bake.bands)?, geometry);
         let settings = self.bake.transfer.settings(&layout, seed, false);
-        let chosen = self.bake.isovalues(volume, opened.default_isovalue, scene)?;
+        let chosen = self.bake.isovalues(&opened, scene)?;
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let effects = self.bake.transfer.effects();
         let mut job = Job::of_options(&opened, scene, &self.bake, isovalues, layout, settings, &effects);
@@ -63,6 +79,9 @@ impl Plan {
         }
         let pyramid = Pyramid::new(volume);
         let plan = job.plan(&pyramid)?;
+        if let Some(among) = geometry.and_then(Geometry::among) {
+            console.print(format!("{}{}:", if member > 0 { "\n" } else { "" }, among.name));
+        }
         console.print(table(&plan));
         console.print(format!(
             "\n{} texels with a level set, {}rays, at most {} in the store",
@@ -75,8 +94,10 @@ impl Plan {
             forecast::check("--time and --error", job.geometry.is_some(), job.estimator)?;
             json["forecast"] = self.forecast(&job, &pyramid, opened.default_isovalue, seed, console)?;
         }
-        console.print_json(&json);
-        Ok(())
+        if let Some(among) = geometry.and_then(Geometry::among) {
+            json["volume"] = json!(among.name);
+        }
+        Ok(json)
     }
 
     /// Weighs textures and rays by a pilot and prints what they take and give.

@@ -1,10 +1,10 @@
 //! A scene file where a command takes a volume: what it says becomes options, for those that were not given.
 
 use super::input::{Input, VolumeArgs};
-use super::{Cli, Command, Failure, Outcome, input};
+use super::{Cli, Command, Failure, Outcome, input, joint};
 use crate::error::{Error, Result};
 use crate::scene::geometry::{Geometry, TriangleMesh};
-use crate::scene::{Effects, Scene, TextureSize, nearest};
+use crate::scene::{Coupling, Effects, Located, Scene, TextureSize, nearest};
 use crate::transfer::store::Store;
 use crate::volume::{LengthUnit, Solid, field};
 use clap::parser::ValueSource;
@@ -18,6 +18,8 @@ use std::path::{Path, PathBuf};
 pub(super) struct SceneFile {
     pub(super) scene: Scene,
     folder: PathBuf,
+    /// Which of several volumes is meant.
+    member: usize,
 }
 
 /// An environment that sends no light.
@@ -83,6 +85,9 @@ fn with_light_of_store(mut line: Vec<OsString>) -> Vec<OsString> {
 /// Opens the volume of an argument, or of the scene that it names, with what stands around it and is not switched off.
 pub(super) fn open(argument: &str, args: &VolumeArgs, scene: Option<&SceneFile>, effects: &Effects) -> Outcome<Input> {
     let Some(file) = scene else { return input::open(argument, args) };
+    if !file.scene.volumes.is_empty() {
+        return joint::open(file, file.member, args, &|input| file.geometry(input, effects));
+    }
     let mut input = input::open(&file.volume(), args).map_err(|failure| match failure {
         Failure::Library(error) => file.scene.at_line(file.scene.volume.line, error).into(),
         other => other,
@@ -107,7 +112,7 @@ impl SceneFile {
             }
         })?;
         let folder = Path::new(path).parent().map(Path::to_path_buf).unwrap_or_default();
-        let file = Self { scene: Scene::parse(&text, path)?, folder };
+        let file = Self { scene: Scene::parse(&text, path)?, folder, member: 0 };
         if let Some(probe) = file.scene.probe.as_ref().filter(|p| p.is_file) {
             let place = file.folder.join(&probe.name.value);
             if !place.exists() {
@@ -147,15 +152,11 @@ impl SceneFile {
             })
         };
         let mut surface = |name: &str, isovalue: f64| {
-            let named = if matches!(field::by_name(name), Ok(None)) {
-                self.folder.join(name).display().to_string()
-            } else {
-                name.to_string()
-            };
-            let opened = input::open(&named, &VolumeArgs::default()).map_err(|failure| match failure {
-                Failure::Library(error) => error,
-                Failure::Message(found) => Error::argument("volume", found, "a volume", "correct the path"),
-            })?;
+            let opened =
+                input::open(&self.place_of(name), &VolumeArgs::default()).map_err(|failure| match failure {
+                    Failure::Library(error) => error,
+                    Failure::Message(found) => Error::argument("volume", found, "a volume", "correct the path"),
+                })?;
             let mesh = crate::surface::extract(&opened.volume, isovalue)?;
             let place = |p: &[f32; 3]| opened.volume.world_from_grid().point(DVec3::from_array(p.map(f64::from)));
             Ok(TriangleMesh {
@@ -168,9 +169,35 @@ impl SceneFile {
 
     /// The volume as `isolume` takes it.
     fn volume(&self) -> String {
-        let name = &self.scene.volume.value;
+        self.place_of(&self.scene.volume.value)
+    }
+
+    /// A path from the folder of the scene, or the name of a field, as `isolume` takes it.
+    pub(super) fn place_of(&self, name: &str) -> String {
         let is_field = !matches!(field::by_name(name), Ok(None));
-        if is_field { name.clone() } else { self.folder.join(name).display().to_string() }
+        if is_field { name.to_string() } else { self.folder.join(name).display().to_string() }
+    }
+
+    /// How many volumes it has.
+    pub(super) fn members(&self) -> usize {
+        self.scene.volumes.len().max(1)
+    }
+
+    /// The same scene from one of its volumes.
+    pub(super) fn of_member(&self, member: usize) -> Self {
+        Self { member, ..self.clone() }
+    }
+
+    /// Isovalues as options have them: where there are none, those of the first volume in the pairs of the coupling.
+    fn isovalues(&self) -> Option<String> {
+        let given: Vec<String> = self.scene.isovalues.iter().map(|i| i.value.clone()).collect();
+        let list = match &self.scene.coupling {
+            Some(Located { value: Coupling::Rows(rows), .. }) if given.is_empty() => {
+                rows.iter().map(|row| row[0].to_string()).collect()
+            }
+            _ => given,
+        };
+        Some(list.join(",")).filter(|list| !list.is_empty())
     }
 
     /// The environment as `isolume` takes it.
@@ -194,8 +221,7 @@ impl SceneFile {
         };
         add("solid", "--solid", scene.solid.map(|s| if s == Solid::Above { "above" } else { "below" }.into()));
         add("up", "--up", scene.up.map(|up| up.name().into()));
-        let isovalues: Vec<&str> = scene.isovalues.iter().map(|i| i.value.as_str()).collect();
-        let isovalues = Some(isovalues.join(",")).filter(|list| !list.is_empty());
+        let isovalues = self.isovalues();
         let bake = &scene.bake;
         add("rays", "--rays", bake.rays.map(|n| n.to_string()));
         add("layers", "--layers", bake.layers.map(|n| n.to_string()));

@@ -22,12 +22,14 @@ const GRID: usize = 25;
 const PATHS: u32 = 256;
 const PIXEL_PATHS: u32 = 64;
 
-/// What a picture has to have in view: walls and volume, unless the walls reach far beyond the volume.
-pub(super) fn in_view(geometry: Option<&Geometry>, volume: &Volume) -> Option<Bounds> {
+/// What a picture has to have in view: walls and volumes, unless the walls reach far beyond the volumes. `together` is the box
+/// of all volumes where there are several.
+pub(super) fn in_view(geometry: Option<&Geometry>, volume: &Volume, together: Option<Bounds>) -> Option<Bounds> {
     const FAR: f64 = 3.0;
-    let (walls, own) = (geometry?.bounds(), volume.world_bounds());
+    let own = together.unwrap_or_else(|| volume.world_bounds());
+    let Some(walls) = geometry.map(Geometry::bounds).filter(|walls| walls.min.is_finite()) else { return together };
     let both = walls.including(own.min).including(own.max);
-    (walls.min.is_finite() && both.size().length() <= FAR * own.size().length()).then_some(both)
+    if both.size().length() <= FAR * own.size().length() { Some(both) } else { together }
 }
 
 /// What the walls of a picture depend on.

@@ -2,13 +2,14 @@
 
 use super::light::{LightArgs, Lighting};
 use super::picture::{Background, PictureArgs, Tone, Turn};
+use super::relight::Companion;
 use super::scene_light::contracted as contracted_by;
 use super::scene_walls::{WallQuestion, Walls, in_view};
 use super::surface::Surface;
 use super::{Outcome, text};
 use crate::error::{Error, Result};
 use crate::export::{Image, font};
-use crate::geom::Up;
+use crate::geom::{Bounds, Up};
 use crate::level::{Counts, Pyramid};
 use crate::probe::{LatLong, Orientation, Probe};
 use crate::relight::{Contracted, LookupReport, Material};
@@ -36,6 +37,8 @@ pub(super) struct Still<'a> {
     pub(super) geometry: Option<&'a Geometry>,
     /// Paths of what is seen of it.
     pub(super) wall_rays: u32,
+    /// Surfaces of other volumes, lit with this one.
+    pub(super) companions: &'a [Companion<'a>],
 }
 
 /// A picture and how it came about.
@@ -68,7 +71,7 @@ impl Still<'_> {
         };
         let (contracted, lighting) = anew.as_ref().map_or((contracted, lighting), |(c, l)| (c, l));
         let (width, height) = self.args.seen.size;
-        let camera = match in_view(self.geometry, self.volume) {
+        let camera = match in_view(self.geometry, self.volume, self.together()) {
             Some(bounds) => {
                 let aspect = width as f64 / height as f64;
                 Camera::framing(&bounds, self.up, view, self.args.seen.projection(), aspect)
@@ -97,16 +100,44 @@ impl Still<'_> {
         lighting: &Lighting,
         camera: &Camera,
         options: &RenderOptions,
-    ) -> Result<Picture> {
+    ) -> Outcome<Picture> {
         let (volume, pyramid, isovalue, material) = (self.volume, self.pyramid, self.surface.isovalue, self.material);
         let subject = Subject { volume, pyramid, isovalue, contracted, light: &lighting.light, material };
-        let Some(geometry) = self.geometry else {
+        if self.geometry.is_none() && self.companions.is_empty() {
             return Ok(render(&subject, &lighting.suns, None, camera, options));
-        };
+        }
         let question = WallQuestion { volume, pyramid, isovalue, material, rays: self.wall_rays };
-        let walls = Walls::new(geometry, &question, camera, options, lighting, &self.light.luminaires)?;
-        let backdrop = |origin, direction, limit, pixel| walls.seen(origin, direction, limit, pixel);
+        let walls = self
+            .geometry
+            .map(|geometry| Walls::new(geometry, &question, camera, options, lighting, &self.light.luminaires))
+            .transpose()?;
+        let beside = self
+            .companions
+            .iter()
+            .map(|c| Ok((c, c.contracted(lighting, material, &self.light.luminaires)?)))
+            .collect::<Outcome<Vec<_>>>()?;
+        let backdrop = |origin, direction, limit, pixel| {
+            let (mut found, mut limit): (Option<[f32; 3]>, f64) = (None, limit);
+            for (companion, contracted) in &beside {
+                let ray = (origin, direction);
+                if let Some((rgb, distance)) = companion.seen(contracted, lighting, material, (camera, options), ray)
+                    && distance < limit
+                {
+                    (found, limit) = (Some(rgb), distance);
+                }
+            }
+            walls.as_ref().and_then(|walls| walls.seen(origin, direction, limit, pixel)).or(found)
+        };
         Ok(render(&subject, &[], Some(&backdrop), camera, options))
+    }
+
+    /// The box of all volumes, where there are several.
+    fn together(&self) -> Option<Bounds> {
+        let first = (!self.companions.is_empty()).then(|| self.volume.world_bounds())?;
+        Some(self.companions.iter().fold(first, |all, companion| {
+            let own = companion.bounds();
+            all.including(own.min).including(own.max)
+        }))
     }
 
     /// The environment behind a pixel. Parallel rays would see one direction of it: behind them it is seen in

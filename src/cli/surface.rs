@@ -100,6 +100,16 @@ impl Surface {
         }
     }
 
+    /// World positions relative to the centre of the volume's box.
+    pub(super) fn positions(&self) -> &[Vec3] {
+        &self.positions
+    }
+
+    /// Normals in world.
+    pub(super) fn normals(&self) -> &[Vec3] {
+        &self.normals
+    }
+
     /// A camera that has all of the surface in view; the whole box of the volume when there is no vertex.
     pub(super) fn camera(&self, volume: &Volume, up: Up, view: View, projection: Projection, aspect: f64) -> Camera {
         let all = volume.world_bounds();

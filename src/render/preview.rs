@@ -55,6 +55,30 @@ pub struct Subject<'a> {
     pub material: &'a Material,
 }
 
+/// What one ray (origin and unit direction in world) sees of the level set alone, and how far away: for what is shown
+/// as a [`Backdrop`] of others.
+pub fn radiance_along(
+    subject: &Subject<'_>,
+    camera: &Camera,
+    options: &RenderOptions,
+    origin: DVec3,
+    direction: DVec3,
+) -> Option<([f32; 3], f64)> {
+    let Subject { volume, pyramid, isovalue, .. } = *subject;
+    with_samples!(volume.samples(), s => {
+        let scene = Scene {
+            field: LevelField::new(volume, s, pyramid),
+            subject,
+            isovalue: volume.raw_from_value(isovalue) as f32,
+            camera, options, suns: &[], backdrop: None,
+            clip: clip_box(volume),
+        };
+        let (mut counts, mut report) = (Counts::default(), LookupReport::default());
+        let (rgb, in_grid) = scene.shade(origin, direction, 0, &mut counts, &mut report)?;
+        Some((rgb, (volume.world_from_grid().point(in_grid) - origin).length()))
+    })
+}
+
 /// Ray-traces a level set with the radiance of its texels.
 ///
 /// Every surface point tests whether it sees the `suns` that were split off the environment. What `backdrop` shows stands

@@ -82,11 +82,31 @@
 //! power = 90                     # watts; irradiance in W m⁻² of a directional one
 //! colour = [1.0, 0.9, 0.8]       # a factor
 //! ```
+//!
+//! Several volumes that light each other stand in place of `volume` and `solid`; `isovalues` are then those of the first:
+//!
+//! ```toml
+//! coupling = "normalised"        # the same fraction of each range; or "equal" values; or rows [[47, 0.6], …] of pairs
+//!
+//! [[volumes]]
+//! name = "bumps"                 # that of its groups in the store
+//! volume = "bumpbox:48"
+//!
+//! [[volumes]]
+//! name = "gyroid"
+//! volume = "gyroid:24"
+//! solid = "above"
+//! scale = 0.3                    # of its file's world, then
+//! rotate = [0, 0, 1, 90]
+//! translate = [0.35, 0.08, 0.35]
+//! albedo = [0.3, 0.5, 1.0]       # a factor on that of the material, baked in
+//! ```
 
 mod material;
 mod read;
 mod settings;
 mod surroundings;
+mod volumes;
 
 #[cfg(test)]
 mod tests;
@@ -94,8 +114,9 @@ mod tests;
 pub use material::Albedo;
 pub use settings::{BakeDescription, CameraDescription, ProbeDescription, TextureSize};
 pub use surroundings::{Surroundings, WallDescription, WallShape};
+pub use volumes::VolumeDescription;
 
-use super::EmissionRule;
+use super::{Coupling, EmissionRule};
 use crate::error::{Error, Result};
 use crate::geom::Up;
 use crate::volume::Solid;
@@ -115,8 +136,12 @@ pub struct Located<T> {
 pub struct Scene {
     /// Name of the file, for messages.
     pub file: String,
-    /// A path from the folder of the file, or a field such as `gyroid:96`.
+    /// A path from the folder of the file, or a field such as `gyroid:96`; the first one where there are several.
     pub volume: Located<String>,
+    /// Where there are several: all of them, at least two. Isovalues are those of the first.
+    pub volumes: Vec<VolumeDescription>,
+    /// Which isovalues of several volumes are shown together; there where they are.
+    pub coupling: Option<Located<Coupling>>,
     /// Which side is matter.
     pub solid: Option<Solid>,
     /// The world axis that points up.
@@ -139,8 +164,10 @@ pub struct Scene {
     pub outputs: Vec<Located<String>>,
 }
 
-const KEYS: [&str; 13] = [
+const KEYS: [&str; 15] = [
     "volume",
+    "volumes",
+    "coupling",
     "solid",
     "up",
     "isovalues",
@@ -166,11 +193,17 @@ impl Scene {
         let source = Source { file, text };
         let document = source.table()?;
         let all = Section::new(source, document.get_ref(), "", &KEYS)?;
-        let volume = all.get("volume").ok_or_else(|| {
-            let remedy = "write volume = \"brain.nii.gz\", or a field such as \"bumpbox:96\"";
-            source.error(0, "no key `volume`", "the volume of the scene", remedy)
-        })?;
-        let volume = Located { value: volume.text()?.to_string(), line: volume.line() };
+        let (volumes, coupling) = volumes::read(&all)?;
+        let volume = match volumes.first() {
+            Some(first) => first.volume.clone(),
+            None => {
+                let volume = all.get("volume").ok_or_else(|| {
+                    let remedy = "write volume = \"brain.nii.gz\", or a field such as \"bumpbox:96\"";
+                    source.error(0, "no key `volume`", "the volume of the scene", remedy)
+                })?;
+                Located { value: volume.text()?.to_string(), line: volume.line() }
+            }
+        };
         let solid = all.get("solid").map(|item| side(&item)).transpose()?;
         let up = all.get("up").map(|item| axis(&item)).transpose()?;
         let isovalues = match all.get("isovalues") {
@@ -190,7 +223,22 @@ impl Scene {
         let camera = all.get("camera").map(|item| settings::camera(&item)).transpose()?.unwrap_or_default();
         let surroundings = surroundings::read(&all)?;
         let file = file.to_string();
-        Ok(Self { file, volume, solid, up, isovalues, albedo, emission, bake, probe, camera, surroundings, outputs })
+        Ok(Self {
+            file,
+            volume,
+            volumes,
+            coupling,
+            solid,
+            up,
+            isovalues,
+            albedo,
+            emission,
+            bake,
+            probe,
+            camera,
+            surroundings,
+            outputs,
+        })
     }
 
     /// Names file and line in an error about what stands there.

@@ -5,12 +5,13 @@ use crate::error::{Error, Result};
 use std::str::FromStr;
 
 /// The effects of a plan, in its order.
-pub const EFFECTS: [&str; 11] = [
+pub const EFFECTS: [&str; 12] = [
     "shadowing",
     "interreflection",
     "colour-channels",
     "emission",
     "walls",
+    "coupling",
     "luminaires",
     "caustics",
     "media",
@@ -28,6 +29,7 @@ fn refusal(name: &str, on: bool) -> Option<&'static str> {
         ("media", true) => Some("a scene cannot have it yet"),
         ("colour-channels" | "walls" | "luminaires" | "caustics" | "media", false) => None,
         ("bands", _) => Some("give --bands"),
+        ("coupling", _) => Some("it is on wherever a scene has several volumes: describe it there"),
         _ => Some("give --isovalues: what they do not look up is not baked"),
     }
 }

@@ -2,6 +2,7 @@
 //! plan of effects. Knows nothing of the insides of solvers.
 
 mod colormap;
+mod coupling;
 mod description;
 mod effects;
 pub mod geometry;
@@ -11,9 +12,10 @@ mod plan;
 pub mod srgb;
 
 pub use colormap::Colormap;
+pub use coupling::{Coupled, Coupling, IsovalueMap};
 pub use description::{
     Albedo, BakeDescription, CameraDescription, Located, ProbeDescription, Scene, Surroundings, TextureSize,
-    WallDescription, WallShape,
+    VolumeDescription, WallDescription, WallShape,
 };
 pub use effects::{EFFECTS, EffectSwitch, Effects};
 pub use material::{EmissionRule, MaterialRule, Table};

@@ -51,6 +51,14 @@ pub struct Surrounded {
     pub wall_rays: u64,
     /// Rays to luminaires.
     pub light_rays: u64,
+    /// Names of other volumes whose level sets are met, and what couples their isovalues.
+    pub partners: Vec<String>,
+    /// Empty where there are none.
+    pub coupling: String,
+    /// Rays that came into their boxes, besides those above.
+    pub partner_rays: u64,
+    /// Paths' meetings with their level sets.
+    pub partner_hits: u64,
     /// Mean chance of a path to reach the environment within the layers.
     pub escape: f64,
 }
@@ -136,7 +144,9 @@ pub fn plan(input: &PlanInput<'_>) -> Plan {
         pilot.rays as f64 / pilot.paths.max(1) as f64 * f64::from(input.rays) * (1.0 - open_share(pilot))
     };
     let rays_per_texel = match input.surroundings {
-        Some(s) => (s.path_rays + s.light_rays) as f64 / pilot.paths.max(1) as f64 * f64::from(input.rays),
+        Some(s) => {
+            (s.path_rays + s.light_rays + s.partner_rays) as f64 / pilot.paths.max(1) as f64 * f64::from(input.rays)
+        }
         None => rays_per_texel,
     };
     let needed = (0..layers).find(|&k| remainder(pilot, albedo, k) <= input.tolerance).map_or(layers, |k| k + 1);
@@ -147,6 +157,7 @@ pub fn plan(input: &PlanInput<'_>) -> Plan {
             colour_channels(input),
             emission(input),
             walls(input),
+            coupling(input),
             luminaires(input),
             caustics(input),
             absent("media", "transmittance 1", "the scene has no medium that absorbs or scatters"),
@@ -236,7 +247,7 @@ fn shadowing(input: &PlanInput<'_>, albedo: f64, ignored: bool) -> Effect {
             if always {
                 "proofs are switched off".into()
             } else if input.surroundings.is_some() {
-                "among walls every texel is traced".into()
+                "among walls and other volumes every texel is traced".into()
             } else {
                 format!("{:.1} % are proven open", 100.0 * open)
             }
@@ -295,8 +306,8 @@ fn colour_channels(input: &PlanInput<'_>) -> Effect {
         let reason = "no wall or luminaire has a colour: one grey transfer serves every albedo exactly";
         return absent("colour-channels", "grey layers", reason);
     }
-    let reason =
-        "walls and luminaires have colours of their own; the albedo of the level set stays free for relighting";
+    let reason = "walls, luminaires and other volumes may have colours of their own; the albedo of the level set stays free \
+        for relighting";
     Effect { on: true, ..absent("colour-channels", "red, green and blue layers", reason) }
 }
 
@@ -323,6 +334,26 @@ fn walls(input: &PlanInput<'_>) -> Effect {
                 "walls",
                 &format!("{} parts, any number of reflections", s.parts),
                 &format!("the scene has them; {:.1} % of the paths reach the environment", 100.0 * s.escape),
+            )
+        },
+    }
+}
+
+fn coupling(input: &PlanInput<'_>) -> Effect {
+    match input.surroundings.filter(|s| !s.partners.is_empty()) {
+        None => absent("coupling", "no rays", "the scene has no other volume"),
+        Some(s) => Effect {
+            on: true,
+            estimated: true,
+            cost_share: share(s.partner_rays, s),
+            ..absent(
+                "coupling",
+                &s.coupling,
+                &format!(
+                    "lit and shaded together with {}; {:.1} % of the rays meet them",
+                    s.partners.join(", "),
+                    100.0 * s.partner_hits as f64 / s.path_rays.max(1) as f64
+                ),
             )
         },
     }
@@ -356,7 +387,8 @@ fn caustics(input: &PlanInput<'_>) -> Effect {
         return switched_off("caustics", "no photons", reason);
     }
     let reason = if s.needs_photons.is_empty() {
-        "mirrors or glass and diffuse surfaces see each other; luminaires with an area are met by the paths, with more noise"
+        "mirrors or glass and diffuse surfaces see each other; luminaires with an area are met by the paths, with more noise, \
+         others found by their images in up to 3 flat mirrors in a row"
             .into()
     } else {
         format!("{} would need photons, which are not built: the bake refuses", s.needs_photons.join(", "))
@@ -365,7 +397,7 @@ fn caustics(input: &PlanInput<'_>) -> Effect {
 }
 
 fn share(rays: u64, s: &Surrounded) -> f64 {
-    rays as f64 / (s.path_rays + s.light_rays).max(1) as f64
+    rays as f64 / (s.path_rays + s.light_rays + s.partner_rays).max(1) as f64
 }
 
 fn emission(input: &PlanInput<'_>) -> Effect {

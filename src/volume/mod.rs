@@ -292,6 +292,23 @@ impl Volume {
         self.inter
     }
 
+    /// The same volume elsewhere: its world goes through a linear map, then to `translate`. A unit of length stays what it is.
+    ///
+    /// # Errors
+    /// When the map is not finite, or flattens space.
+    pub fn placed(self, linear: glam::DMat3, translate: DVec3) -> Result<Self> {
+        let before = self.world_from_grid;
+        let world_from_grid = Affine::new(linear * before.linear(), linear * before.offset() + translate);
+        match world_from_grid.filter(|_| translate.is_finite()) {
+            Some(world_from_grid) => Ok(Self { world_from_grid, ..self }),
+            None => {
+                let found = format!("a map {linear:?} and {translate:?}");
+                let remedy = "choose a scale of ordinary size";
+                Err(Error::argument("scale and translate", found, "a finite map that keeps space apart", remedy))
+            }
+        }
+    }
+
     /// Grid to world.
     pub fn world_from_grid(&self) -> &Affine {
         &self.world_from_grid

@@ -225,3 +225,106 @@ pub fn low_range() -> Vec<Seed> {
         ("colour.jpg", bytes(colour.into(), image::ImageFormat::Jpeg)),
     ]
 }
+
+pub fn obj() -> Vec<Seed> {
+    let square =
+        "# a square\no square\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0.5\nvt 0 0\nvn 0 0 1\nusemtl x\nf 1/1/1 2//1 3/1 4\n";
+    let last = "v -1 0 0\r\nv 1e-3 0 0\r\nv 0 2.5 0\r\nf -3 -2 -1\r\ns off\r\n";
+    vec![("square.obj", square.into()), ("last.obj", last.into())]
+}
+
+pub fn ply() -> Vec<Seed> {
+    let head = |format: &str| {
+        format!(
+            "ply\nformat {format} 1.0\ncomment made here\nelement vertex 4\nproperty float x\nproperty double y\n\
+             property float z\nproperty uchar red\nelement edge 1\nproperty int a\nelement face 1\n\
+             property list uchar int vertex_indices\nend_header\n"
+        )
+    };
+    let vertices = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.5]];
+    let text: String = vertices.iter().map(|[x, y, z]| format!("{x} {y} {z} 7\n")).collect();
+    let binary = |big: bool| {
+        let mut out = Vec::new();
+        let mut put = |value: &[u8]| {
+            let mut value = value.to_vec();
+            if big {
+                value.reverse();
+            }
+            out.extend(value);
+        };
+        for [x, y, z] in vertices {
+            put(&(x as f32).to_le_bytes());
+            put(&f64::to_le_bytes(y));
+            put(&(z as f32).to_le_bytes());
+            put(&[7]);
+        }
+        put(&1i32.to_le_bytes());
+        put(&[4]);
+        (0..4i32).for_each(|i| put(&i.to_le_bytes()));
+        out
+    };
+    vec![
+        ("text.ply", (head("ascii") + &text + "1\n4 0 1 2 3\n").into_bytes()),
+        ("little.ply", [head("binary_little_endian").into_bytes(), binary(false)].concat()),
+        ("big.ply", [head("binary_big_endian").into_bytes(), binary(true)].concat()),
+    ]
+}
+
+/// Four positions, then six indices of 16 bits.
+pub fn buffer_of_gltf() -> Vec<u8> {
+    let mut bytes: Vec<u8> =
+        [0f32, 0., 0., 1., 0., 0., 1., 1., 0., 0., 1., 0.].iter().flat_map(|v| v.to_le_bytes()).collect();
+    bytes.extend([0u16, 1, 2, 0, 2, 3].iter().flat_map(|v| v.to_le_bytes()));
+    bytes
+}
+
+/// A GLB of its JSON and what follows it.
+pub fn glb(json: &[u8], rest: &[u8]) -> Vec<u8> {
+    let mut json = json.to_vec();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let length = |n: usize| (n as u32).to_le_bytes();
+    [&b"glTF\x02\0\0\0"[..], &length(20 + json.len() + rest.len()), &length(json.len()), b"JSON", &json, rest].concat()
+}
+
+pub fn gltf() -> Vec<Seed> {
+    let json = |uri: &str| {
+        format!(
+            r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0,3]}}],
+"nodes":[{{"children":[1,2],"translation":[0,0,5]}},{{"mesh":0,"scale":[2,2,-2]}},{{"mesh":1,"rotation":[0,0,1,0]}},
+{{"mesh":0,"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,3,0,0,1]}}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":1}}]}},{{"primitives":[{{"attributes":{{"POSITION":2}},"mode":4}}]}}],
+"buffers":[{{{uri}"byteLength":60}}],
+"bufferViews":[{{"buffer":0,"byteOffset":0,"byteLength":48,"byteStride":12}},{{"buffer":0,"byteOffset":48,"byteLength":12,"target":34963}}],
+"accessors":[{{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}},
+{{"bufferView":1,"componentType":5123,"count":6,"type":"SCALAR"}},
+{{"bufferView":0,"byteOffset":12,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}}]}}"#
+        )
+    };
+    let buffer = buffer_of_gltf();
+    let chunk = [&(buffer.len() as u32).to_le_bytes()[..], b"BIN\0", &buffer].concat();
+    vec![("nodes.gltf", json(r#""uri":"a.bin","#).into_bytes()), ("nodes.glb", glb(json("").as_bytes(), &chunk))]
+}
+
+pub fn scene() -> Vec<Seed> {
+    let bare = "volume = \"bumpbox:16\"\nsolid = \"above\"\nup = \"z\"\nisovalues = [30, \"40%\", \"auto\"]\n\
+        outputs = [\"{isovalue}.png\"]\n[material]\nalbedo = [[-1, 0.6, 0.6, 0.65], [1.2, 0.8, 0.5, 0.3]]\n\
+        emission = [[0.3, 0, 0, 0], [0.9, 0.9, 0.35, 0.08]]\n[bake]\nrays = 64\nlayers = 4\nbands = [5, 4, 3, 3]\n\
+        texture = [16, 16, 8]\npositive = true\n[probe]\nname = \"sky\"\nrotation = 30\nsun_split = true\n\
+        [camera]\nazimuth = 30\nelevation = 40\nsize = [64, 48]\nprojection = \"perspective\"\nfield_of_view = 35\n\
+        exposure = \"auto\"\n";
+    let room = "volume = \"bumpbox:16\"\nmetres_per_unit = 1.0\nisovalues = 47\n[material]\ncolormap = \"viridis\"\n\
+        range = [0, 200]\n[[walls]]\nname = \"room\"\nshape = \"room\"\nmin = [0, 0, 0]\nmax = [1, 1, 1]\nalbedo = 0.7\n\
+        faces = { \"-x\" = [0.63, 0.06, 0.05] }\nopen = [\"-z\"]\n[[objects]]\nshape = \"sphere\"\ncentre = [0.5, 0.3, 0.5]\n\
+        radius = 0.1\nmaterial = \"glass\"\nindex = 1.5\n[[objects]]\nname = \"table\"\nshape = \"mesh\"\nfile = \"t.obj\"\n\
+        scale = 0.01\nrotate = [0, 0, 1, 90]\ntranslate = [0, 0, 0.2]\nemission = [2, 1, 0.5]\n[[objects]]\n\
+        shape = \"isosurface\"\nvolume = \"gyroid:8\"\nisovalue = 0.5\nscale = 0.1\n[[objects]]\nshape = \"rectangle\"\n\
+        corner = [0, 0, 0]\nu = [1, 0, 0]\nv = [0, 1, 0]\nmaterial = \"mirror\"\nreflectance = 0.9\n[[luminaires]]\n\
+        name = \"ceiling\"\nshape = \"rectangle\"\ncorner = [0.3, 0, 0.3]\nu = [0, 0, 0.4]\nv = [0.4, 0, 0]\npower = 90\n\
+        colour = [1, 0.9, 0.8]\n[[luminaires]]\nshape = \"sphere\"\ncentre = [0, 2, 0]\nradius = 0.1\npower = [1, 2, 3]\n\
+        [[luminaires]]\nshape = \"point\"\nposition = [0, 0, 3]\npower = 1\n[[luminaires]]\nshape = \"directional\"\n\
+        direction = [0, 0, -1]\nirradiance = 5\n";
+    let pair = "coupling = [[47, 0.6], [60, 0.8]]\nisovalues = 50\n[[volumes]]\nname = \"a\"\nvolume = \"bumpbox:8\"\n\
+        [[volumes]]\nname = \"b\"\nvolume = \"gyroid:8\"\nsolid = \"below\"\nscale = 0.3\nrotate = [1, 2, 3, 40]\n\
+        translate = [0.35, 0.08, 0.35]\nalbedo = [0.3, 0.5, 1.0]\n";
+    vec![("bare.toml", bare.into()), ("room.toml", room.into()), ("pair.toml", pair.into())]
+}

@@ -2,9 +2,12 @@
 
 use super::mutate::{self, Numbers};
 use super::seeds;
+use glam::DVec3;
 use isolume::geom::Up;
 use isolume::level;
 use isolume::probe::{Orientation, ReadOptions};
+use isolume::scene::Scene;
+use isolume::scene::geometry::read_mesh;
 use isolume::transfer::store::{ChunkExtent, ErrorTarget, Holdings, Identity, Store, pack_zip};
 use isolume::transfer::{BRICK_TEXELS, Brick, BrickSource, Lattice, Layers, Layout};
 use isolume::volume::{ReadHint, Samples, Volume};
@@ -27,6 +30,11 @@ pub const PROBE_LIMIT: usize = 200 * PIXELS + (66 << 20);
 /// The same for a store, which maps or copies its files: 16 bytes for each of the 2²² chunks that it may
 /// have, and its metadata a few times over.
 pub const STORE_LIMIT: usize = (64 << 20) + (32 << 20);
+/// What a mesh may take besides 64 bytes for each of its own: a vertex of 6 bytes (`v 0 0 0`) takes 24, a triangle 12,
+/// doubled by growth; and the buffer beside it.
+pub const MESH_LIMIT: usize = 1 << 20;
+/// The same for a scene, with its walls made of it.
+pub const SCENE_LIMIT: usize = 1 << 20;
 
 /// A reader under test.
 pub struct Target {
@@ -46,9 +54,12 @@ enum Kind {
     Probe,
     Store,
     Zip,
+    /// With the bytes of a buffer beside it.
+    Mesh,
+    Scene,
 }
 
-pub const TARGETS: [Target; 14] = [
+pub const TARGETS: [Target; 18] = [
     volume("nifti", seeds::nifti),
     volume("nrrd", seeds::nrrd),
     volume("mrc", seeds::mrc),
@@ -63,6 +74,10 @@ pub const TARGETS: [Target; 14] = [
     probe("low_range", seeds::low_range),
     Target { name: "store", seeds: Vec::new, limit: STORE_LIMIT, gate_runs: 250, kind: Kind::Store },
     Target { name: "store_zip", seeds: Vec::new, limit: STORE_LIMIT, gate_runs: 150, kind: Kind::Zip },
+    mesh("mesh_obj", seeds::obj),
+    mesh("mesh_ply", seeds::ply),
+    mesh("mesh_gltf", seeds::gltf),
+    Target { name: "scene", seeds: seeds::scene, limit: SCENE_LIMIT, gate_runs: 1500, kind: Kind::Scene },
 ];
 
 const fn volume(name: &'static str, seeds: fn() -> Vec<seeds::Seed>) -> Target {
@@ -71,6 +86,10 @@ const fn volume(name: &'static str, seeds: fn() -> Vec<seeds::Seed>) -> Target {
 
 const fn probe(name: &'static str, seeds: fn() -> Vec<seeds::Seed>) -> Target {
     Target { name, seeds, limit: PROBE_LIMIT, gate_runs: 800, kind: Kind::Probe }
+}
+
+const fn mesh(name: &'static str, seeds: fn() -> Vec<seeds::Seed>) -> Target {
+    Target { name, seeds, limit: MESH_LIMIT, gate_runs: 1500, kind: Kind::Mesh }
 }
 
 impl Input {
@@ -138,7 +157,7 @@ impl Bench {
                 }
                 std::fs::write(at("samples.gz"), mutate::gzip(&samples)).expect("written");
             }
-            Kind::Volume | Kind::Probe => {}
+            Kind::Volume | Kind::Probe | Kind::Mesh | Kind::Scene => {}
         }
         if bench.files.is_empty() {
             let files = sorted(&corpus(target.name));
@@ -182,6 +201,12 @@ impl Bench {
         if is_json && numbers.below(2) == 0 {
             return Input { bytes: resealed(&mut numbers, seed), file, sealed: true };
         }
+        if matches!(self.target.kind, Kind::Mesh)
+            && numbers.below(2) == 0
+            && let Some(bytes) = other_values(&mut numbers, seed)
+        {
+            return Input { bytes, file, sealed: false };
+        }
         let other = self.seeds[numbers.below(self.seeds.len())].clone();
         let mut bytes = mutate::damage(&mut numbers, seed, &other);
         match self.target.kind {
@@ -221,6 +246,8 @@ impl Bench {
             }
             Kind::Probe => check_probe(&input.bytes),
             Kind::Store | Kind::Zip => self.feed_store(input),
+            Kind::Mesh => check_mesh(&input.bytes),
+            Kind::Scene => check_scene(&input.bytes),
         }
     }
 
@@ -297,6 +324,57 @@ fn check_probe(bytes: &[u8]) -> bool {
     }
 }
 
+fn check_mesh(bytes: &[u8]) -> bool {
+    // Whatever a glTF names beside it is the buffer of the seeds.
+    match read_mesh(bytes, &mut |_| Ok(seeds::buffer_of_gltf())) {
+        Err(error) => {
+            assert!(error.to_string().len() > 30, "an error without a reason: {error}");
+            false
+        }
+        Ok(mesh) => {
+            assert!(!mesh.triangles.is_empty() && mesh.positions.iter().all(|p| p.is_finite()));
+            // Corners index their positions.
+            assert_eq!(mesh.corners().count(), mesh.triangles.len());
+            true
+        }
+    }
+}
+
+/// A scene is read and its walls are made; rays through what was accepted end in answers.
+fn check_scene(bytes: &[u8]) -> bool {
+    let Ok(text) = std::str::from_utf8(bytes) else { return false };
+    let scene = match Scene::parse(text, "fuzz.toml") {
+        Ok(scene) => scene,
+        Err(error) => {
+            let message = error.to_string();
+            assert!(message.contains("fuzz.toml:") && message.len() > 40, "an error without a place: {message}");
+            return false;
+        }
+    };
+    let corners = || read_mesh(&seeds::obj().swap_remove(0).1, &mut |_| Ok(Vec::new()));
+    let bytes_of_mesh = || Ok(seeds::obj().swap_remove(0).1);
+    match scene.surroundings.assemble(&scene, 1.0, &mut |_| bytes_of_mesh(), &mut |_, _| corners()) {
+        Err(error) => {
+            assert!(error.to_string().len() > 30, "an error without a reason: {error}");
+            false
+        }
+        Ok(geometry) => {
+            for i in 0..8 {
+                let turn = f64::from(i);
+                let direction = DVec3::new((3.0 * turn).sin(), (5.0 * turn).cos(), (7.0 * turn).sin()).normalize();
+                for origin in [DVec3::ZERO, DVec3::splat(0.5), 10.0 * direction] {
+                    let hit = geometry.first_wall(origin, direction, None, f64::INFINITY);
+                    assert!(hit.is_none_or(|hit| hit.distance > 0.0));
+                    for l in 0..geometry.luminaires().len() {
+                        let _ = geometry.arriving(l, origin, [0.3, 0.7]);
+                    }
+                }
+            }
+            true
+        }
+    }
+}
+
 /// A store of 9³ texels: one chunk, two bricks a side.
 pub fn small_store(path: &Path) {
     let samples = (0..729).map(|i| (i * 37 % 251) as u8).collect();
@@ -346,17 +424,7 @@ pub fn everything(path: &Path) -> isolume::Result<String> {
 fn resealed(numbers: &mut Numbers, bytes: &[u8]) -> Vec<u8> {
     let Ok(mut value) = serde_json::from_slice::<Value>(bytes) else { return bytes.to_vec() };
     for _ in 0..1 + numbers.below(3) {
-        let mut leaves = 0;
-        visit(&mut value, &mut |_| leaves += 1);
-        let chosen = numbers.below(leaves);
-        let new = replacement(numbers);
-        let mut at = 0;
-        visit(&mut value, &mut |leaf| {
-            if at == chosen {
-                *leaf = new.clone();
-            }
-            at += 1;
-        });
+        replace_leaf(numbers, &mut value);
     }
     let hash = |value: &Value| {
         let mut sorted = value.clone();
@@ -375,6 +443,33 @@ fn resealed(numbers: &mut Numbers, bytes: &[u8]) -> Vec<u8> {
         value["stamp"] = hash(&value)[..32].into();
     }
     value.to_string().into_bytes()
+}
+
+/// A glTF or GLB with a few values of its JSON replaced; `None` for other meshes.
+fn other_values(numbers: &mut Numbers, bytes: &[u8]) -> Option<Vec<u8>> {
+    let length = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?) as usize);
+    let is_binary = bytes.starts_with(b"glTF");
+    let (json, rest) = if is_binary { bytes.get(20..)?.split_at_checked(length(12)?)? } else { (bytes, &[][..]) };
+    let mut value: Value = serde_json::from_slice(json).ok()?;
+    for _ in 0..1 + numbers.below(3) {
+        replace_leaf(numbers, &mut value);
+    }
+    let json = value.to_string().into_bytes();
+    Some(if is_binary { seeds::glb(&json, rest) } else { json })
+}
+
+fn replace_leaf(numbers: &mut Numbers, value: &mut Value) {
+    let mut leaves = 0;
+    visit(value, &mut |_| leaves += 1);
+    let chosen = numbers.below(leaves);
+    let new = replacement(numbers);
+    let mut at = 0;
+    visit(value, &mut |leaf| {
+        if at == chosen {
+            *leaf = new.clone();
+        }
+        at += 1;
+    });
 }
 
 fn visit(value: &mut Value, each: &mut impl FnMut(&mut Value)) {

@@ -222,7 +222,9 @@ impl Job<'_> {
     fn estimator_name(&self) -> String {
         if self.geometry.is_some() {
             let off = self.effects.switched("caustics") == Some(false);
-            return format!("path among walls{}", if off { "; caustics left out" } else { "" });
+            let alone = self.geometry.is_some_and(|g| g.parts() == 0 && g.luminaires().is_empty());
+            let what = if alone { "path among volumes" } else { "path among walls" };
+            return format!("{what}{}", if off { "; caustics left out" } else { "" });
         }
         let shadows = match self.volume.shadowing {
             Shadowing::Ignored => "; shadowing ignored",
@@ -278,6 +280,11 @@ impl Job<'_> {
         }
         let target = self.goal.error.map(goal::escape);
         let store = Store::open(path)?;
+        let among = self.geometry.and_then(Geometry::among);
+        if among.is_some() && !store.volumes()?.contains(&self.volume.name) {
+            return Ok(self.selection().len());
+        }
+        let store = if among.is_some() { store.of_volume(&self.volume.name)? } else { store };
         let mut todo = Todo::new(self, &store, self.claims(&target))?;
         let mut texels = 0;
         for i in 0..todo.len() {
@@ -291,8 +298,11 @@ impl Job<'_> {
     pub(super) fn check_memory(&self) -> Result<()> {
         let needed = options::bake_bytes(self.volume, &self.layout, self.isovalues.as_ref().map_or(1, Vec::len));
         let groups = self.geometry.map_or(0, |geometry| scene::bytes_of_groups(&self.layout.layers, geometry));
+        // Partners with their pyramids, as the volume itself.
+        let partners = self.geometry.map_or(&[][..], Geometry::partners).iter();
+        let partners: u64 = partners.map(|p| p.volume.samples().bytes().len() as u64 / 4 * 5).sum();
         // 16 chunks of 32³ texels are held.
-        let needed = needed + groups * (16 << 15);
+        let needed = needed + partners + groups * (16 << 15);
         options::check_memory(&format!("the bake of {}", self.label), needed, self.memory_limit)?;
         if let Some(geometry) = self.geometry {
             self.check_scene(geometry)?;
@@ -382,14 +392,20 @@ impl Job<'_> {
 pub(super) fn fill(job: &Job<'_>, path: &Path, console: &Console) -> Outcome<(Store, Report)> {
     job.check_memory()?;
     let pyramid = Pyramid::new(job.volume);
-    let provenance = if path.symlink_metadata().is_ok() { Value::Null } else { job.provenance(&pyramid)? };
+    let is_joint = job.geometry.is_some_and(|geometry| geometry.among().is_some());
+    // A volume may have to be added to the store of its partners.
+    let is_there = path.symlink_metadata().is_ok() && !is_joint;
+    let provenance = if is_there { Value::Null } else { job.provenance(&pyramid)? };
     let mut report = Report { albedo: job.hints.albedo, ..Report::default() };
     if job.hints.shown {
         let plan = job.plan(&pyramid)?;
         console.print(super::plan::table(&plan));
         report.plan = Some(plan);
     }
-    let mut store = Store::open_or_create(path, job.volume, &job.identity(), provenance)?;
+    let mut store = match is_joint {
+        true => Store::open_or_add(path, job.volume, &job.identity(), provenance)?,
+        false => Store::open_or_create(path, job.volume, &job.identity(), provenance)?,
+    };
     {
         let _lock = match job.share {
             None => store.lock()?,

@@ -169,10 +169,20 @@ impl Report {
         if let Some(scene) = &self.scene {
             let [walls, lights] =
                 [scene.counts.wall_rays_started(), scene.counts.light_rays].map(|n| text::metric(n as f64));
+            let c = &scene.counts;
+            let partners = match c.partner_rays + c.buried {
+                0 => String::new(),
+                _ => format!(
+                    "other volumes {}rays and {}meetings, {} texels inside them; ",
+                    text::metric(c.partner_rays as f64),
+                    text::metric(c.partner_hits as f64),
+                    text::count(c.buried)
+                ),
+            };
             return format!(
-                "shadowing {first}rays, interreflection {later}rays, walls {walls}rays, luminaires {lights}rays; {} paths \
-                 ended on a cut through the solid",
-                text::count(scene.counts.cut)
+                "shadowing {first}rays, interreflection {later}rays, walls {walls}rays, luminaires {lights}rays; {partners}{} \
+                 paths ended on a cut through the solid",
+                text::count(c.cut)
             );
         }
         let open = s.open as f64 / s.valid.max(1) as f64;
@@ -197,6 +207,9 @@ impl Report {
             "interreflection": { "rays": later },
             "emission": { "rays": 0 },
             "walls": { "rays": counts.wall_rays_started(), "hits": counts.wall_hits, "tests": counts.wall_rays },
+            "coupling": {
+                "rays": counts.partner_rays, "hits": counts.partner_hits, "buried_texels": counts.buried,
+            },
             "luminaires": { "rays": counts.light_rays, "hits": counts.luminaire_hits },
             "caustics": { "photons": 0, "specular_hits": counts.specular_hits },
             "media": { "rays": 0 },

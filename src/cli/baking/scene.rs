@@ -4,12 +4,13 @@ use super::{Estimator, Job, Part, Report};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::scene;
-use crate::scene::geometry::Geometry;
-use crate::transfer::store::{ChunkExtent, SceneIdentity, Store};
+use crate::scene::geometry::{Geometry, Partner};
+use crate::transfer::store::{ChunkExtent, CouplingIdentity, PartnerIdentity, SceneIdentity, Store};
 use crate::transfer::{Layers, Layout, Selection};
 use crate::transport::{
     GroupBricks, Progress, SceneBake, SceneSettings, SceneSummary, Settings, bake_scene, needs_photons, pilot_scene,
 };
+use crate::volume::Solid;
 use std::time::{Duration, Instant};
 
 /// The layout of a bake: in three channels where something stands around the volume.
@@ -47,6 +48,13 @@ impl Job<'_> {
             fingerprint: geometry.fingerprint().into(),
             luminaires: geometry.luminaires().iter().map(|l| l.name.clone()).collect(),
             exponents: (0..geometry.luminaires().len()).map(|l| geometry.exponent(l, size)).collect(),
+            coupling: geometry.among().map(|among| CouplingIdentity {
+                coupling: among.coupling.clone(),
+                name: among.name.clone(),
+                place: among.place,
+                tint: among.tint,
+                partners: geometry.partners().iter().map(partner_identity).collect(),
+            }),
         }
     }
 
@@ -68,8 +76,11 @@ impl Job<'_> {
         if self.scene_settings(&self.settings).caustics
             && let [first, ..] = needs_photons(geometry).as_slice()
         {
-            let found = format!("the luminaire {first}, a point or parallel light, beside mirrors or glass");
-            let expected = "luminaires with an area: caustics of others would need photons, which are not built";
+            let found = format!(
+                "the luminaire {first}, a point or parallel light, beside glass, a curved mirror, or more than six flat ones"
+            );
+            let expected =
+                "luminaires with an area, or flat mirrors: other caustics would need photons, which are not built";
             let remedy = "use a small sphere or rectangle, or leave its caustics out: --effects -caustics";
             return Err(Error::argument("caustics", found, expected, remedy));
         }
@@ -116,9 +127,23 @@ impl Job<'_> {
             path_rays: trial.counts.path_rays,
             wall_rays: trial.counts.wall_hits + trial.counts.specular_hits,
             light_rays: trial.counts.light_rays,
+            partners: geometry.partners().iter().map(|p| p.name.clone()).collect(),
+            coupling: geometry.among().map(|among| among.coupling.clone()).unwrap_or_default(),
+            partner_rays: trial.counts.partner_rays,
+            partner_hits: trial.counts.partner_hits,
             escape: s.mean_escapes().iter().sum(),
         };
         Ok((pilot, surrounded))
+    }
+}
+
+fn partner_identity(partner: &Partner) -> PartnerIdentity {
+    PartnerIdentity {
+        name: partner.name.clone(),
+        volume: partner.volume.content_hash(),
+        solid: if partner.volume.solid == Solid::Above { "above" } else { "below" }.into(),
+        tint: partner.tint,
+        isovalues: partner.isovalue.knots().to_vec(),
     }
 }
 

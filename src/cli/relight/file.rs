@@ -1,6 +1,7 @@
 //! One surface under one light, looked up and written.
 
 use super::Relight;
+use super::joint::{Companion, Merged};
 use super::report::finite;
 use crate::cli::light::Lighting;
 use crate::cli::output::{Format, Target};
@@ -9,7 +10,7 @@ use crate::cli::still::Still;
 use crate::cli::surface::Surface;
 use crate::cli::{Failure, Outcome, info, relightable, text};
 use crate::export::gltf::{ColourFormat, GltfOptions};
-use crate::export::{Image, atomic, gltf, ply, png};
+use crate::export::{Image, Positions, atomic, gltf, ply, png};
 use crate::geom::Up;
 use crate::level::{Counts, Pyramid};
 use crate::probe::Probe;
@@ -87,7 +88,13 @@ pub(super) struct Context<'a> {
 }
 
 impl Context<'_> {
-    pub(super) fn light(&self, surface: &Surface, probe: &Probe, target: Target) -> Outcome<Written> {
+    pub(super) fn light(
+        &self,
+        surface: &Surface,
+        companions: &[Companion<'_>],
+        probe: &Probe,
+        target: Target,
+    ) -> Outcome<Written> {
         let c = self.command;
         let isovalue = surface.isovalue;
         let lighting = c.light.prepare(probe, self.up, &self.store.layout().layers, c.splits_sun())?;
@@ -117,11 +124,23 @@ impl Context<'_> {
             lit.add_sun(&seen.lit, sun.flux, &material);
             sun_rays += seen.counts.rays;
         }
-        let errors = contracted.look_up_errors(&surface.mesh.positions_in_grid);
-        times.look_up = start.elapsed();
+        let mut errors = contracted.look_up_errors(&surface.mesh.positions_in_grid);
         if lit.report.unbaked > 0 {
             return Err(self.unbaked(isovalue, &lit.report));
         }
+        // Behind its own: the surfaces of the other volumes.
+        for companion in companions {
+            let (mesh, of_other) = (&companion.surface.mesh, companion.surface.isovalue);
+            let texels = companion.contracted(&lighting, &material, &c.light.luminaires)?;
+            let more = texels.look_up(&mesh.positions_in_grid, &mesh.normals, light, &material);
+            if more.report.unbaked > 0 {
+                return Err(self.unbaked(of_other, &more.report));
+            }
+            lit.report += more.report;
+            lit.radiance.extend(more.radiance);
+            errors.extend(texels.look_up_errors(&mesh.positions_in_grid));
+        }
+        times.look_up = start.elapsed();
         let exposure = c.material.exposure.factor(&lit.radiance);
         let mut written = Written {
             target,
@@ -145,11 +164,11 @@ impl Context<'_> {
         match written.target.format {
             Format::Png => {
                 let lit = (probe, &lighting, &material);
-                self.write_picture(surface, &contracted, lit, record, &mut written)?;
+                self.write_picture((surface, companions), &contracted, lit, record, &mut written)?;
             }
             _ => {
                 let lit = (probe, &lighting, &material);
-                self.write_mesh(surface, lit, (&lit_radiance, &errors), record, &mut written)?;
+                self.write_mesh((surface, companions), lit, (&lit_radiance, &errors), record, &mut written)?;
             }
         }
         if written.target.format != Format::Png {
@@ -160,7 +179,7 @@ impl Context<'_> {
 
     fn write_mesh(
         &self,
-        surface: &Surface,
+        (surface, companions): (&Surface, &[Companion<'_>]),
         (probe, lighting, material): (&Probe, &Lighting, &Material),
         (radiance, errors): (&[[f32; 3]], &[f32]),
         record: Value,
@@ -170,7 +189,15 @@ impl Context<'_> {
         let start = Instant::now();
         let colours = Exposure::apply(written.exposure, radiance);
         let name = format!("{} {}", self.volume.name, text::number(surface.isovalue, 8));
-        let mesh = surface.export(&name, self.volume, self.up, &colours, args.radiance.then_some((radiance, errors)));
+        let merged;
+        let mut mesh =
+            surface.export(&name, self.volume, self.up, &colours, args.radiance.then_some((radiance, errors)));
+        if !companions.is_empty() {
+            merged = Merged::new(self.volume, surface, companions);
+            mesh.positions = Positions::FromCentre(&merged.positions);
+            (mesh.normals_in_world, mesh.triangles) = (&merged.normals, &merged.triangles);
+            mesh.box_in_world = merged.bounds;
+        }
         let path = &written.target.path;
         if written.target.format == Format::Ply {
             let options = ply::PlyOptions { provenance: record, ..Default::default() };
@@ -193,7 +220,7 @@ impl Context<'_> {
 
     fn write_picture(
         &self,
-        surface: &Surface,
+        (surface, companions): (&Surface, &[Companion<'_>]),
         contracted: &Contracted,
         (probe, lighting, material): (&Probe, &Lighting, &Material),
         record: Value,
@@ -214,8 +241,11 @@ impl Context<'_> {
             exposure: written.exposure,
             geometry: self.geometry,
             wall_rays: self.command.transfer.rays.unwrap_or(64),
+            companions,
         };
-        if self.geometry.is_none() && self.store.identity().scene.is_some() {
+        let has_walls =
+            self.store.identity().scene.as_ref().is_some_and(|s| s.coupling.is_none() || !s.luminaires.is_empty());
+        if self.geometry.is_none() && has_walls {
             let note = "the store does not hold the walls: relight the scene file to see them in pictures";
             written.notes.push(note.into());
         }

@@ -1,14 +1,16 @@
 //! `isolume relight`: light on surfaces, from a store, in milliseconds.
 
 mod file;
+mod joint;
 mod report;
 mod work;
 
 pub(super) use file::Written;
+pub(super) use joint::Companion;
 
 use super::console::Console;
 use super::input::VolumeArgs;
-use super::isovalue::{Chosen, Isovalue};
+use super::isovalue::{Chosen, Isovalue, NamedIsovalue};
 use super::light::{LightArgs, MaterialArgs, open_probe};
 use super::options::TransferArgs;
 use super::picture::PictureArgs;
@@ -17,9 +19,11 @@ use super::surface::Surface;
 use super::{Failure, Outcome, info, options, text};
 use crate::error::Error;
 use crate::probe::Probe;
+use crate::scene::geometry::Geometry;
 use crate::scene::{EmissionRule, MaterialRule};
 use crate::transfer::store::Store;
 use crate::volume::Volume;
+use joint::Members;
 use report::report;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -40,9 +44,17 @@ pub(in crate::cli) struct Relight {
     /// Store, or a volume file, field or scene (.toml) that is baked first
     #[arg(value_name = "X.isolume|VOLUME|SCENE")]
     input: String,
-    /// Isovalues: numbers in the file's values, percentages of their range, or auto
-    #[arg(short, long, value_name = "C[,C…]", value_delimiter = ',', required = true, allow_hyphen_values = true)]
-    isovalue: Vec<Isovalue>,
+    /// Isovalues: numbers in the file's values, percentages of their range, or auto. Of several volumes baked together they
+    /// are those of the first; NAME=C is that of another, and all surfaces that belong to it are lit
+    #[arg(
+        short,
+        long,
+        value_name = "[NAME=]C[,…]",
+        value_delimiter = ',',
+        required = true,
+        allow_hyphen_values = true
+    )]
+    isovalue: Vec<NamedIsovalue>,
     /// Environment: an image file, courtyard, studio, sunset, or a sky: constant, gradient, overcast, sky, sun:AZ,EL
     #[arg(short, long, value_name = "PROBE", required = true)]
     env: Vec<String>,
@@ -53,6 +65,9 @@ pub(in crate::cli) struct Relight {
     /// Write an empty file, instead of an error, for an isovalue that no surface has
     #[arg(long)]
     allow_empty: bool,
+    /// Light only this one of several volumes baked together; isovalues are then its own
+    #[arg(long = "volume", value_name = "NAME")]
+    of_volume: Option<String>,
     #[command(flatten, next_help_heading = "Light")]
     light: LightArgs,
     #[command(flatten, next_help_heading = "Material")]
@@ -129,26 +144,90 @@ impl Relight {
         if info::is_store(&self.input) {
             self.refuse_effects_of_bakes()?;
             let store = Store::open(&self.input)?;
+            if let Some(members) = Members::of(&store)? {
+                return self.light_members(members, None, 0, &probes, start, console);
+            }
+            self.refuse_names("the store holds one volume alone")?;
             let volume = store.volume()?;
             let chosen = self.isovalues_of_store(&store, &volume)?;
             let work = Work::new(self, &volume, &chosen, &probes, start, console)?;
             let source = Source { store, transport_rays: 0 };
             return work.light(&source, Vec::new());
         }
+        if let Some(file) = self.scene.as_ref().filter(|file| file.members() > 1) {
+            let (store, geometry, rays) = joint::bake(self, file, seed, start, console)?;
+            let Some(members) = Members::of(&store)? else {
+                return Err(Failure::Message("a scene of several volumes was baked as one".into()));
+            };
+            return self.light_members(members, geometry.as_ref(), rays, &probes, start, console);
+        }
+        self.refuse_names("this is one volume alone")?;
         let mut opened = super::scene::open(&self.input, &self.volume, self.scene.as_ref(), &self.transfer.effects())?;
         self.transfer.switch_shadows(&mut opened.volume);
         for note in &opened.volume.notes {
             console.note(&note.text);
         }
         let of_field = opened.default_isovalue;
-        let resolve = |i: &Isovalue| {
-            let resolved = self.resolve(i, &opened.volume, of_field);
-            resolved.map_err(|e| options::in_scene(e, self.scene.as_ref(), i))
+        let resolve = |i: &NamedIsovalue| {
+            let resolved = self.resolve(&i.isovalue, &opened.volume, of_field);
+            resolved.map_err(|e| options::in_scene(e, self.scene.as_ref(), &i.isovalue))
         };
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
         let mut work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
         work.geometry = opened.geometry.as_ref();
         work.bake_and_light(&opened.label, seed)
+    }
+
+    /// Lights the volumes of a store together, or the one that is named.
+    fn light_members(
+        &self,
+        members: Members,
+        geometry: Option<&Geometry>,
+        transport_rays: u64,
+        probes: &[Probe],
+        start: Instant,
+        console: &Console,
+    ) -> Outcome<Relit> {
+        if let Some(name) = &self.of_volume {
+            if let Some(other) = self.isovalue.iter().filter_map(|i| i.volume.as_ref()).find(|v| *v != name) {
+                let remedy = "leave out one of them";
+                return Err(Error::argument("--isovalue", format!("{other}=…"), format!("{name}=…"), remedy).into());
+            }
+            let store = members.take(name)?;
+            let volume = store.volume()?;
+            let chosen = self.isovalues_of_store(&store, &volume)?;
+            let work = Work::new(self, &volume, &chosen, probes, start, console)?;
+            return work.light(&Source { store, transport_rays }, Vec::new());
+        }
+        if self.mesh.transfer {
+            let expected = "one volume: glTF carries the transfer of one";
+            let remedy = "add --volume NAME";
+            return Err(Error::argument("--transfer", "several volumes", expected, remedy).into());
+        }
+        let resolved = self.isovalue.iter().map(|i| members.resolve(i)).collect::<Result<Vec<_>, Error>>()?;
+        let (chosen, isovalues): (Vec<Chosen>, Vec<Vec<f64>>) = resolved.into_iter().unzip();
+        let Some((first, others)) = members.split() else {
+            return Err(Failure::Message("a store without volumes".into()));
+        };
+        let mut work = Work::new(self, &first.volume, &chosen, probes, start, console)?;
+        work.geometry = geometry;
+        work.companions = others;
+        work.companion_isovalues = isovalues.into_iter().map(|all| all[1..].to_vec()).collect();
+        let store = first.store.of_volume(&first.volume.name)?;
+        work.light(&Source { store, transport_rays }, Vec::new())
+    }
+
+    /// Names of volumes make sense only where there are several.
+    fn refuse_names(&self, why: &str) -> Outcome {
+        let named =
+            self.isovalue.iter().find_map(|i| i.volume.as_ref()).map(|name| ("--isovalue", format!("{name}=…")));
+        match self.of_volume.as_ref().map(|name| ("--volume", name.clone())).or(named) {
+            None => Ok(()),
+            Some((option, given)) => {
+                let expected = "a store or a scene of several volumes";
+                Err(Error::argument(option, given, expected, format!("{why}: leave the name out")).into())
+            }
+        }
     }
 
     fn open_probes(&self, console: &Console) -> Outcome<Vec<Probe>> {
@@ -222,10 +301,14 @@ impl Relight {
             return Err(Error::argument("--solid", given, expected, "bake the volume again with this --solid").into());
         }
         let held = store.holdings()?;
-        let only = held.isovalues.first().copied().filter(|_| !held.all && self.isovalue.contains(&Isovalue::Auto));
-        let resolve = |i: &Isovalue| match (i, only) {
+        let only = held
+            .isovalues
+            .first()
+            .copied()
+            .filter(|_| !held.all && self.isovalue.iter().any(|i| i.isovalue == Isovalue::Auto));
+        let resolve = |i: &NamedIsovalue| match (&i.isovalue, only) {
             (Isovalue::Auto, Some(value)) => Ok(Chosen { value, reason: Some("the store holds it".into()) }),
-            _ => self.resolve(i, volume, None),
+            (isovalue, _) => self.resolve(isovalue, volume, None),
         };
         Ok(self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?)
     }

@@ -1,6 +1,7 @@
 //! What one run does: the bake of what is missing, drafts first, and every surface under every light.
 
 use super::file::Context;
+use super::joint::{Companion, Member};
 use super::{Draft, Relight, Relit};
 use crate::cli::baking::{self, Goal, Job};
 use crate::cli::console::Console;
@@ -48,6 +49,9 @@ pub(super) struct Work<'a> {
     console: &'a Console,
     /// What stands around the volume, where it is known.
     pub(super) geometry: Option<&'a Geometry>,
+    /// Other volumes that are lit with this one, and their isovalues for each of its own.
+    pub(super) companions: &'a [Member],
+    pub(super) companion_isovalues: Vec<Vec<f64>>,
 }
 
 impl<'a> Work<'a> {
@@ -99,6 +103,8 @@ impl<'a> Work<'a> {
             read_time,
             console,
             geometry: None,
+            companions: &[],
+            companion_isovalues: Vec::new(),
         })
     }
 
@@ -119,15 +125,18 @@ impl<'a> Work<'a> {
         let mut surfaces = Vec::new();
         let mut written = Vec::new();
         let mut files = all_targets(self.command, self.volume, &self.isovalues, &self.environments)?.into_iter();
-        for &isovalue in &self.isovalues {
+        for (i, &isovalue) in self.isovalues.iter().enumerate() {
+            let others = self.companions.iter().zip(self.companion_isovalues.get(i).into_iter().flatten());
+            let companions = others.map(|(m, c)| Companion::new(m, *c)).collect::<Result<Vec<_>, Error>>()?;
             let surface = Surface::new(self.volume, &self.pyramid, source.store.layout().lattice, isovalue)?;
             surface.check_memory(self.volume, self.command.transfer.memory_limit)?;
             for (probe, targets) in self.probes.iter().zip(files.by_ref()) {
                 for target in targets {
-                    written.push(context.light(&surface, probe, target)?);
+                    written.push(context.light(&surface, &companions, probe, target)?);
                 }
             }
             surfaces.push(surface);
+            surfaces.extend(companions.into_iter().map(|companion| companion.surface));
         }
         let (read_time, transport_rays) = (self.read_time, source.transport_rays);
         Ok(Relit { surfaces, files: written, read_time, transport_rays, drafts })

@@ -48,12 +48,8 @@ pub(super) struct Section<'a> {
 }
 
 /// Keys that scenes will have, and what takes their place until then.
-pub(super) const LATER: [(&str, &str); 4] = [
-    ("volumes", "several volumes baked at once (an object of shape \"isosurface\" shows another one)"),
-    ("caustics", "caustics by photons"),
-    ("medium", "participating media"),
-    ("media", "participating media"),
-];
+pub(super) const LATER: [(&str, &str); 3] =
+    [("caustics", "caustics by photons"), ("medium", "participating media"), ("media", "participating media")];
 
 impl<'a> Section<'a> {
     /// A table whose keys are all among `known`.
@@ -66,7 +62,7 @@ impl<'a> Section<'a> {
             }
             let found = format!("the key `{prefix}{word}`");
             if let (true, Some((_, what))) = (name.is_empty(), LATER.iter().find(|(key, _)| *key == word)) {
-                let expected = "a scene of one volume with walls and luminaires";
+                let expected = "volumes, walls and luminaires";
                 let remedy = format!("{what} are not supported yet: take the key `{word}` out");
                 return Err(source.error(at, found, expected, remedy));
             }

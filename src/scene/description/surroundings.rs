@@ -151,7 +151,7 @@ pub(super) fn read(all: &Section<'_>) -> Result<Surroundings> {
 }
 
 /// The name of a wall or luminaire: letters, digits, - and _.
-fn name(section: &Section<'_>, item: &Item<'_>, otherwise: &str) -> Result<Located<String>> {
+pub(super) fn name(section: &Section<'_>, item: &Item<'_>, otherwise: &str) -> Result<Located<String>> {
     let Some(given) = section.get("name") else {
         return Ok(Located { value: otherwise.into(), line: item.line() });
     };
@@ -163,7 +163,7 @@ fn name(section: &Section<'_>, item: &Item<'_>, otherwise: &str) -> Result<Locat
     Ok(Located { value: text.into(), line: given.line() })
 }
 
-fn vector(item: &Item<'_>) -> Result<DVec3> {
+pub(super) fn vector(item: &Item<'_>) -> Result<DVec3> {
     let list = item.list().unwrap_or_default();
     let numbers = list.iter().map(Item::number).collect::<Result<Vec<_>>>()?;
     match numbers[..] {
@@ -173,7 +173,7 @@ fn vector(item: &Item<'_>) -> Result<DVec3> {
 }
 
 /// A key that must be there.
-fn required<'a>(section: &Section<'a>, of: &Item<'_>, key: &str, remedy: &str) -> Result<Item<'a>> {
+pub(super) fn required<'a>(section: &Section<'a>, of: &Item<'_>, key: &str, remedy: &str) -> Result<Item<'a>> {
     section.get(key).ok_or_else(|| of.refuse(format!("the key `{key}`"), remedy))
 }
 
@@ -188,7 +188,7 @@ fn colour(item: &Item<'_>, most: f64, expected: &str, remedy: &str) -> Result<[f
     if colour.iter().all(|v| (0.0..=most).contains(v)) { Ok(colour) } else { Err(item.refuse(expected, remedy)) }
 }
 
-fn share(item: &Item<'_>) -> Result<[f32; 3]> {
+pub(super) fn share(item: &Item<'_>) -> Result<[f32; 3]> {
     let remedy = "a surface cannot reflect more than it receives";
     Ok(colour(item, 1.0, "shares from 0 to 1", remedy)?.map(|v| v as f32))
 }
@@ -320,14 +320,14 @@ fn faces(section: &Section<'_>) -> Result<(AlbedosOfFaces, [bool; 6])> {
     Ok((albedos, open))
 }
 
-fn scale(section: &Section<'_>) -> Result<f64> {
+pub(super) fn scale(section: &Section<'_>) -> Result<f64> {
     let Some(item) = section.get("scale") else { return Ok(1.0) };
     let scale = item.number()?;
     if scale == 0.0 { Err(item.refuse("a number other than 0", "1 leaves the size as it is")) } else { Ok(scale) }
 }
 
 /// `rotate = [x, y, z, degrees]`, by Rodrigues' formula.
-fn rotation(section: &Section<'_>) -> Result<DMat3> {
+pub(super) fn rotation(section: &Section<'_>) -> Result<DMat3> {
     let Some(item) = section.get("rotate") else { return Ok(DMat3::IDENTITY) };
     let refuse = || item.refuse("an axis and an angle [x, y, z, degrees]", "write [0, 0, 1, 90]");
     let numbers = item.list().unwrap_or_default().iter().map(Item::number).collect::<Result<Vec<_>>>()?;

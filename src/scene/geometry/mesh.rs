@@ -8,6 +8,9 @@ mod gltf_file;
 mod obj;
 mod ply;
 
+#[cfg(test)]
+mod tests;
+
 use crate::error::{Error, Result};
 use glam::DVec3;
 

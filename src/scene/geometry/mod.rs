@@ -1,5 +1,5 @@
-//! What stands around a volume and is the same for every isovalue: walls, objects and luminaires, and where a ray
-//! meets them. (In the space of position and isovalue each triangle is a prism through the whole range.)
+//! What stands around a volume: walls, objects and luminaires, which are the same for every isovalue, and where a ray
+//! meets them; and other volumes, whose isovalues follow that of the ray ([`Partner`]). (In the space of position and isovalue each triangle is a prism through the whole range.)
 //!
 //! # Rules
 //! * World coordinates in `f64`; directions are unit vectors, distances are in world units.
@@ -14,6 +14,7 @@ mod hierarchy;
 mod light;
 mod luminaire;
 mod mesh;
+mod partner;
 mod primitive;
 
 #[cfg(test)]
@@ -22,6 +23,7 @@ mod tests;
 pub use light::{ArrivingLight, LightHit};
 pub use luminaire::{Luminaire, LuminaireShape};
 pub use mesh::{TriangleMesh, read_mesh};
+pub use partner::{Among, MOST_PARTNERS, Partner};
 pub use primitive::Shape;
 
 use crate::error::{Error, Result};
@@ -76,6 +78,19 @@ pub struct WallHit {
     pub luminaire: Option<usize>,
 }
 
+/// A part of a mirror that is flat.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlatMirror {
+    /// The part.
+    pub part: u32,
+    /// A point of its plane.
+    pub point: DVec3,
+    /// Unit normal of its plane.
+    pub normal: DVec3,
+    /// Share of the light that it reflects.
+    pub reflectance: [f64; 3],
+}
+
 /// All walls and luminaires of a scene, ready for rays.
 #[derive(Clone, Debug)]
 pub struct Geometry {
@@ -88,6 +103,9 @@ pub struct Geometry {
     emitters: Vec<Emitter>,
     nearest_allowed: f64,
     fingerprint: String,
+    // The baked volume, and the volumes beside it, sorted by name.
+    among: Option<Among>,
+    partners: Vec<Partner>,
 }
 
 /// Most primitives that are simply tried in turn.
@@ -158,12 +176,25 @@ impl Geometry {
         let bounds = boxes.fold(Bounds::EMPTY, |b, [low, high]| b.including(low).including(high));
         let nearest_allowed = if bounds.min.is_finite() { 1e-9 * bounds.size().length() } else { 0.0 };
         let hierarchy = (primitives.len() > FEW).then(|| Hierarchy::new(&primitives));
-        Ok(Self { primitives, finishes, shining, hierarchy, luminaires, emitters, nearest_allowed, fingerprint: hash })
+        let fingerprint = hash;
+        let (among, partners) = (None, Vec::new());
+        Ok(Self {
+            primitives,
+            finishes,
+            shining,
+            hierarchy,
+            luminaires,
+            emitters,
+            nearest_allowed,
+            fingerprint,
+            among,
+            partners,
+        })
     }
 
     /// Whether there is nothing at all: a volume alone.
     pub fn is_empty(&self) -> bool {
-        self.primitives.is_empty() && self.luminaires.is_empty()
+        self.primitives.is_empty() && self.luminaires.is_empty() && self.partners.is_empty()
     }
 
     /// Triangles, rectangles and spheres of all walls.
@@ -179,6 +210,19 @@ impl Geometry {
     /// Whether any wall is a mirror or glass.
     pub fn has_specular(&self) -> bool {
         self.finishes.iter().any(Finish::is_specular)
+    }
+
+    /// The flat parts of all mirrors; `None` where something specular is not flat: glass, or a mirror that is a sphere.
+    pub fn flat_mirrors(&self) -> Option<Vec<FlatMirror>> {
+        let specular = (0..self.primitives.len()).filter(|&i| self.finishes[i].is_specular());
+        let mirror = |i: usize| match (&self.primitives[i], self.finishes[i]) {
+            (Primitive::Rectangle(flat) | Primitive::Triangle(flat), Finish::Mirror(share)) => {
+                let reflectance = share.map(f64::from);
+                Some(FlatMirror { part: i as u32, point: flat.corner, normal: flat.normal, reflectance })
+            }
+            _ => None,
+        };
+        specular.map(mirror).collect()
     }
 
     /// Hash of all that decides what walls and luminaires do to light.
@@ -256,6 +300,11 @@ impl Geometry {
             (origin, from, passed) = (origin + hit.distance * direction, Some(hit.part), passed + hit.distance);
         }
         None
+    }
+
+    /// How far along a ray a part is met; `from` is the part it starts on.
+    pub fn distance_to_part(&self, part: u32, origin: DVec3, direction: DVec3, from: Option<u32>) -> Option<f64> {
+        self.distance_to(part, origin, direction, from)
     }
 
     fn distance_to(&self, part: u32, origin: DVec3, direction: DVec3, from: Option<u32>) -> Option<f64> {

@@ -1,6 +1,7 @@
 //! What a store was baked from and how: the part that must not differ when a bake goes on.
 
 use super::super::{Group, Lattice, Layers, Layout};
+use super::joint::{CouplingIdentity, coupling_text};
 use super::zarr::{FORMAT, METADATA_REMEDY};
 use crate::error::{Error, Result};
 use crate::volume::{Solid, Volume};
@@ -12,7 +13,7 @@ pub const FORMAT_VERSION: u32 = 2;
 
 /// What decides the numbers in a store. Two bakes with equal identities fill one store; with
 /// different ones they are refused ([`Error::Mismatch`]).
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Identity {
     /// Version of the format, [`FORMAT_VERSION`].
@@ -39,7 +40,7 @@ pub struct Identity {
 }
 
 /// Walls and luminaires as an identity names them.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneIdentity {
     /// BLAKE3 of all that decides what they do to light.
@@ -48,6 +49,9 @@ pub struct SceneIdentity {
     pub luminaires: Vec<String>,
     /// One a luminaire: its texture holds G_k / 2^exponent.
     pub exponents: Vec<i32>,
+    /// The volumes beside this one whose level sets light it; none where it stands alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coupling: Option<CouplingIdentity>,
 }
 
 impl Identity {
@@ -102,6 +106,12 @@ impl Identity {
             let found = format!("exponents {:?} of {} luminaires", scene.exponents, scene.luminaires.len());
             return Err(Error::format(FORMAT, found, "one exponent of at most 1100 for each", METADATA_REMEDY));
         }
+        let names = self.scene.iter().filter_map(|scene| scene.coupling.as_ref());
+        let mut names = names.flat_map(|c| c.partners.iter().map(|p| &p.name).chain([&c.name]));
+        if names.any(|name| name.is_empty() || *name != super::node_name(name)) {
+            let found = "a name of a volume that is no node";
+            return Err(Error::format(FORMAT, found, "names of letters, digits, - and _", METADATA_REMEDY));
+        }
         let layers = Layers::new(self.bands.clone())?;
         let layers = if self.scene.is_some() { layers.coloured() } else { layers };
         Ok(Layout { lattice: Lattice::from_texels(self.grid, self.texels)?, layers })
@@ -127,6 +137,7 @@ impl Identity {
                 ("estimator", i.estimator.clone()),
                 ("positive", i.positive.to_string()),
                 ("seed", i.seed.to_string()),
+                ("coupling", coupling_text(i)),
                 ("scene", i.scene.as_ref().map_or("a volume alone".into(), |s| s.fingerprint.clone())),
                 ("luminaires", i.scene.as_ref().map_or("none".into(), |s| s.luminaires.join(", "))),
             ]

@@ -13,6 +13,7 @@
 //!     allocation.json               what a bake in a given time decided, if there was one (not part of Zarr)
 //! transfer/<name>/emission          of scenes: the level set's own light; arrays as in `env`
 //! transfer/<name>/luminaire.<n>     of scenes: that of each luminaire
+//! volumes/<other>/…, transfer/<other>/…   of scenes of several volumes: the same for each ([`Store::of_volume`])
 //! ```
 //!
 //! # Why by hand and not the crate `zarrs`
@@ -47,6 +48,7 @@ pub mod diagnose;
 mod extent;
 mod holdings;
 mod identity;
+mod joint;
 mod lock;
 mod merge;
 mod volume;
@@ -59,6 +61,7 @@ pub use diagnose::{Diagnosis, diagnose};
 pub use extent::{Baked, ChunkExtent, ErrorTarget};
 pub use holdings::Holdings;
 pub use identity::{FORMAT_VERSION, Identity, SceneIdentity};
+pub use joint::{CouplingIdentity, PartnerIdentity};
 pub use lock::StoreLock;
 pub use merge::MergeReport;
 
@@ -148,20 +151,20 @@ impl Store {
     /// When there is none, or it was made by another version or another program, or is damaged.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let backing = Backing::open(path.as_ref())?;
-        let node = open_root(&backing)?;
+        let first = open_root(&backing)?.swap_remove(0);
+        Self::open_node(backing, &first)
+    }
+
+    /// Opens the transfer of one volume.
+    fn open_node(backing: Backing, node: &str) -> Result<Self> {
         let env = format!("transfer/{node}/env");
         for group in ["volumes".to_owned(), format!("volumes/{node}"), "transfer".into(), format!("transfer/{node}")] {
             let key = format!("{group}/zarr.json");
             check_group(&required_json(&backing, &key)?).map_err(|e| e.in_file(backing.name(&key)))?;
         }
         let key = format!("{env}/zarr.json");
-        let group = required_json(&backing, &key)?;
+        let (identity, mut attributes) = joint::read_identity(&backing, &key)?;
         let in_file = |e: Error| e.in_file(backing.name(&key));
-        check_group(&group).map_err(in_file)?;
-        let mut attributes = unsealed(&group).map_err(in_file)?;
-        let identity: Identity = serde_json::from_value(attributes["identity"].take()).map_err(|e| {
-            in_file(Error::format(FORMAT, format!("identity: {e}"), "the identity of a bake", METADATA_REMEDY))
-        })?;
         check_version(&json!(identity.format_version)).map_err(in_file)?;
         let layout = identity.layout().map_err(in_file)?;
         let count = check_chunks(&layout)?;
@@ -387,6 +390,29 @@ fn write_skeleton(
     provenance: Value,
 ) -> Result<()> {
     let node = node_name(&volume.name);
+    let nodes = nodes_of(volume, identity, layout, provenance)?;
+    let mut root = zarr::group(sealed(root_about(std::slice::from_ref(&node))));
+    zarr::consolidate(&mut root, &nodes);
+    let put = |key: &str, value: &Value| backing.put(key, false, format!("{value:#}\n").as_bytes());
+    put("zarr.json", &root)?;
+    for (key, value) in &nodes {
+        put(&format!("{key}/zarr.json"), value)?;
+    }
+    volume::write(backing, &format!("volumes/{node}/data"), volume, false)
+}
+
+/// What the root says of the volumes in the store.
+fn root_about(nodes: &[String]) -> Value {
+    let mut about = json!({ "format_version": FORMAT_VERSION, "volume": nodes.first() });
+    if nodes.len() > 1 {
+        about["volumes"] = json!(nodes);
+    }
+    json!({ "isolume": about })
+}
+
+/// The metadata of all groups and arrays of a volume, with the groups that hold them.
+fn nodes_of(volume: &Volume, identity: &Identity, layout: &Layout, provenance: Value) -> Result<Vec<(String, Value)>> {
+    let node = node_name(&volume.name);
     let layers = &layout.layers;
     let layer = |k: usize| {
         json!({
@@ -428,15 +454,7 @@ fn write_skeleton(
             nodes.push((format!("{place}/{name}"), array.metadata(json!({}))));
         }
     }
-    let about = json!({ "format_version": FORMAT_VERSION, "volume": node });
-    let mut root = zarr::group(sealed(json!({ "isolume": about })));
-    zarr::consolidate(&mut root, &nodes);
-    let put = |key: &str, value: &Value| backing.put(key, false, format!("{value:#}\n").as_bytes());
-    put("zarr.json", &root)?;
-    for (key, value) in &nodes {
-        put(&format!("{key}/zarr.json"), value)?;
-    }
-    volume::write(backing, &format!("volumes/{node}/data"), volume, false)
+    Ok(nodes)
 }
 
 /// The name of a volume as a node of the hierarchy: letters, digits, `-`, `_` and `.` stay,
@@ -483,8 +501,8 @@ fn required_json(backing: &Backing, key: &str) -> Result<Value> {
     })
 }
 
-/// Checks the root and returns the node name of the volume.
-fn open_root(backing: &Backing) -> Result<String> {
+/// Checks the root and returns the node names of the volumes: at least one.
+fn open_root(backing: &Backing) -> Result<Vec<String>> {
     let foreign = |found: &str| {
         let expected = "a store made by isolume (the directory that holds its zarr.json, or a zip of it)";
         Error::format(FORMAT, found, expected, "give the path of a store, or bake one").in_file(backing.path())
@@ -503,10 +521,7 @@ fn open_root(backing: &Backing) -> Result<String> {
     }
     check_version(&root["attributes"]["isolume"]["format_version"]).map_err(in_file)?;
     let attributes = unsealed(&root).map_err(in_file)?;
-    match attributes["isolume"]["volume"].as_str() {
-        Some(node) if node == node_name(node) => Ok(node.to_owned()),
-        _ => Err(in_file(Error::format(FORMAT, "no name of a volume", "`volume`: a node name", METADATA_REMEDY))),
-    }
+    joint::nodes_of_root(&attributes).map_err(in_file)
 }
 
 fn check_group(metadata: &Value) -> Result<()> {

@@ -99,8 +99,14 @@ impl SceneBake<'_> {
             && let [first, ..] = super::needs_photons(self.geometry).as_slice()
         {
             let remedy = "use a small sphere or rectangle instead, or leave its caustics out: --effects -caustics";
-            let found = format!("{first}, a point or parallel light, and mirrors or glass in the scene");
-            return Err(Error::argument("caustics", found, "luminaires with an area beside mirrors and glass", remedy));
+            let found =
+                format!("{first}, a point or parallel light, beside glass or mirrors that are not flat, or many");
+            return Err(Error::argument(
+                "caustics",
+                found,
+                "luminaires with an area, or up to six flat mirrors",
+                remedy,
+            ));
         }
         Ok(())
     }
@@ -212,6 +218,11 @@ fn brick<T: Sample>(
             total.summary.texels -= 1;
             continue;
         }
+        if world.is_buried(&world.isovalues(site.isovalue), world.on_level(0, site.start).in_world) {
+            total.counts.buried += 1;
+            writer.blank(&mut bricks, t);
+            continue;
+        }
         let item = (texel[0] + mx * (texel[1] + my * texel[2])) as u64;
         trace(world, &site, item, bake.settings, found, &mut total.summary.counts, &mut total.counts);
         let flags = validity::VALID | if site.clamped { validity::CLAMPED } else { 0 };
@@ -243,6 +254,9 @@ pub fn pilot_scene(bake: &SceneBake<'_>, texels: u64) -> Result<SceneSummary> {
                 for &item in part {
                     total.summary.texels += 1;
                     let Some(site) = field.site(bake.layout.lattice.grid_from_texel(place(item))) else { continue };
+                    if world.is_buried(&world.isovalues(site.isovalue), world.on_level(0, site.start).in_world) {
+                        continue;
+                    }
                     trace(&world, &site, item, bake.settings, found, &mut total.summary.counts, &mut total.counts);
                     writer.write(found, bake.settings.rays, None, site.clamped, &mut total);
                 }

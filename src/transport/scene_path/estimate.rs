@@ -6,11 +6,16 @@
 //! Σ_k ρ^(k+1) (⟨T_k, L⟩ + Σ_l s_l G_k,l) for every albedo ρ of the level set and every factor s_l on the power of a luminaire.
 //! Meeting the level set for the (k+1)th time adds W to the group of emission.
 //!
+//! Level sets of partners count as the level set: its albedo is ρ times a fixed factor of each volume, which W carries, and
+//! its emission is theirs, too.
+//!
 //! Luminaires are found in two ways, by sampling them and by the cosine, combined by the balance heuristic (Veach and Guibas
-//! 1995, eq. 9). After a mirror or glass only the path itself finds them. Paths end after the last stored layer, or between
+//! 1995, eq. 9). After a mirror or glass only the path itself finds them; points and parallel light are found by their images
+//! in flat mirrors. Paths end after the last stored layer, or between
 //! walls by Russian roulette on the largest channel of W.
 
 use super::super::REPLICATES;
+use super::images::Images;
 use super::world::{Met, Origin, Place, SceneCounts, World};
 use super::{SceneSettings, glass};
 use crate::geom::{Frame, Normal};
@@ -64,7 +69,7 @@ struct Turn {
 struct Path<'a, 'w, T> {
     world: &'a World<'w, T>,
     settings: &'a SceneSettings,
-    isovalue: f32,
+    isovalues: &'a [f32],
     sampler: &'a PathSampler,
     replicate: usize,
     index: u32,
@@ -85,19 +90,21 @@ pub(super) fn trace<T: Sample>(
 ) {
     let points = settings.rays / REPLICATES as u32;
     found.reset(&settings.layers, world.geometry.luminaires().len());
-    let turn = Turn { origin: world.on_level(site.start), normal: site.normal };
+    let turn = Turn { origin: world.on_level(0, site.start), normal: site.normal };
+    let isovalues = world.isovalues(site.isovalue);
+    let tint = world.tint(0).map(f64::from);
     for replicate in 0..REPLICATES {
         let sampler = PathSampler::new(settings.seed, item, replicate as u32);
         for index in 0..points {
             let mut path = Path {
                 world,
                 settings,
-                isovalue: site.isovalue,
+                isovalues: &isovalues,
                 sampler: &sampler,
                 replicate,
                 index,
                 layer: 0,
-                weight: [1.0; 3],
+                weight: tint,
                 walls: 0,
             };
             path.run(turn, found, level, counts);
@@ -136,11 +143,20 @@ impl<T: Sample> Path<'_, '_, T> {
 
     fn sample_luminaires(&self, at: &Turn, turn: u32, found: &mut Found, level: &mut Counts, counts: &mut SceneCounts) {
         for l in 0..self.world.geometry.luminaires().len() {
+            if self.settings.caustics {
+                let images = Images { world: self.world, isovalues: self.isovalues, from: at.origin, luminaire: l };
+                images.each(level, counts, &mut |direction, value| {
+                    let cosine = direction.dot(at.normal.vec().as_dvec3());
+                    if cosine > 0.0 {
+                        self.add(found, 1 + l, value, cosine / PI);
+                    }
+                });
+            }
             let u = self.pair(turn, 1 + l as u32);
             let Some(light) = self.world.geometry.arriving(l, at.origin.in_world, u) else { continue };
             let cosine = light.direction.dot(at.normal.vec().as_dvec3());
             if cosine <= 0.0
-                || !self.world.sees(self.isovalue, &at.origin, l, light.direction, light.distance, level, counts)
+                || !self.world.sees(self.isovalues, &at.origin, l, light.direction, light.distance, level, counts)
             {
                 continue;
             }
@@ -166,7 +182,7 @@ impl<T: Sample> Path<'_, '_, T> {
         let mut density = Some(by_cosine);
         let mut origin = at.origin;
         for specular in 0..MOST_SPECULAR {
-            match self.world.meet(self.isovalue, &origin, direction, level, counts) {
+            match self.world.meet(self.isovalues, &origin, direction, level, counts) {
                 Met::Nothing => {
                     self.escape(direction.as_vec3(), found);
                     return None;
@@ -185,13 +201,13 @@ impl<T: Sample> Path<'_, '_, T> {
                 }
                 Met::Lost => {
                     found.lost += 1;
-                    if !matches!(origin.place, Place::Level(_)) {
+                    let Place::Level(set, _) = origin.place else {
                         counts.cut += 1;
                         return None;
-                    }
-                    return self.on_level_again(found).then_some(*at);
+                    };
+                    return self.on_level_again(set, found).then_some(*at);
                 }
-                Met::Level(cell, _) => return self.at_level(cell, found),
+                Met::Level(set, cell) => return self.at_level(set, cell, found),
                 Met::Wall(hit) => {
                     let point = origin.in_world + hit.distance * direction;
                     self.shine(&hit, density, &origin, direction, found);
@@ -256,22 +272,24 @@ impl<T: Sample> Path<'_, '_, T> {
         }
     }
 
-    /// Counts a meeting with the level set; whether the path goes on in the next layer.
-    fn on_level_again(&mut self, found: &mut Found) -> bool {
+    /// Counts a meeting with a level set; whether the path goes on in the next layer.
+    fn on_level_again(&mut self, set: usize, found: &mut Found) -> bool {
         self.add(found, 0, [1.0; 3], 1.0);
+        let tint = self.world.tint(set);
+        (0..3).for_each(|c| self.weight[c] *= f64::from(tint[c]));
         self.layer += 1;
         let goes_on = self.layer < self.settings.layers.len();
         found.trapped += u32::from(!goes_on);
         goes_on
     }
 
-    fn at_level(&mut self, cell: CellPoint, found: &mut Found) -> Option<Turn> {
-        let Some(normal) = self.world.normal(&cell) else {
+    fn at_level(&mut self, set: usize, cell: CellPoint, found: &mut Found) -> Option<Turn> {
+        let Some(normal) = self.world.normal(set, &cell) else {
             found.lost += 1;
             return None;
         };
         let start = Start::on(cell);
-        self.on_level_again(found).then(|| Turn { origin: self.world.on_level(start), normal })
+        self.on_level_again(set, found).then(|| Turn { origin: self.world.on_level(set, start), normal })
     }
 
     fn at_wall(&mut self, hit: &WallHit, albedo: [f32; 3], point: DVec3, direction: DVec3, turn: u32) -> Option<Turn> {

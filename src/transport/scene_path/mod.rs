@@ -4,11 +4,14 @@
 //! Transfer has three channels, because walls have colours, and each luminaire fills a texture of its own, so that its
 //! power may change at relight time: `estimate` says what is added where, `world` what a ray meets.
 //! Photons are not needed: light of luminaires that have an area is found through mirrors and glass by the paths
-//! themselves, if noisily. Points and parallel light cannot be found so; see [`needs_photons`].
+//! themselves, if noisily, and points and parallel light by their images in flat mirrors (`images`). Through glass and in
+//! curved mirrors these cannot be found so; see [`needs_photons`].
 
 mod bake;
 mod estimate;
 mod glass;
+mod images;
+mod level_set;
 mod photons;
 mod reference;
 mod sites;
@@ -20,7 +23,7 @@ pub use reference::{SceneReference, scene_radiance};
 pub use sites::{LevelSite, site_radiance};
 pub use world::SceneCounts;
 
-use crate::scene::geometry::{Geometry, LuminaireShape};
+use crate::scene::geometry::Geometry;
 use crate::transfer::Layers;
 
 /// What the estimator is asked for.
@@ -37,12 +40,10 @@ pub struct SceneSettings {
 }
 
 /// Luminaires whose light cannot be found through the mirrors and glass of a scene but by photons, which are not built:
-/// points and parallel light. Empty where nothing is specular.
+/// points and parallel light beside glass, curved mirrors, or more than six flat ones. Empty where all is found.
 pub fn needs_photons(geometry: &Geometry) -> Vec<String> {
-    if !geometry.has_specular() {
-        return Vec::new();
-    }
-    let is_delta =
-        |shape: &LuminaireShape| matches!(shape, LuminaireShape::Point { .. } | LuminaireShape::Directional { .. });
-    geometry.luminaires().iter().filter(|l| is_delta(&l.shape)).map(|l| l.name.clone()).collect()
+    let found =
+        !geometry.has_specular() || geometry.flat_mirrors().is_some_and(|all| all.len() <= images::MOST_MIRRORS);
+    let named = |l: usize| geometry.luminaires()[l].name.clone();
+    if found { Vec::new() } else { images::of_no_area(geometry).into_iter().map(named).collect() }
 }

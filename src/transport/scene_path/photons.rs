@@ -74,12 +74,13 @@ pub fn trace_photons(
     let parts: Vec<PowerBalance> = with_samples!(volume.samples(), s => {
         let field = LevelField::new(volume, s, pyramid);
         let world = World::new(volume, &field, geometry);
+        let isovalues = world.isovalues(raw);
         (0..REPLICATES as u32)
             .into_par_iter()
             .map(|replicate| {
                 let sampler = PathSampler::new(seed, l as u64, replicate);
                 let mut sum = PowerBalance::default();
-                (0..each).for_each(|i| one(&world, raw, albedo, l, &sampler, i, &mut sum));
+                (0..each).for_each(|i| one(&world, &isovalues, albedo, l, &sampler, i, &mut sum));
                 sum
             })
             .collect()
@@ -100,7 +101,7 @@ pub fn trace_photons(
 
 fn one<T: Sample>(
     world: &World<'_, T>,
-    isovalue: f32,
+    isovalues: &[f32],
     albedo: [f32; 3],
     l: usize,
     sampler: &PathSampler,
@@ -114,6 +115,10 @@ fn one<T: Sample>(
     let mut power = [1.0f64; 3];
     let mean = |p: &[f64; 3]| (p[0] + p[1] + p[2]) / 3.0;
     let mut at = None;
+    let tinted = |set: usize| -> [f32; 3] {
+        let tint = world.tint(set);
+        std::array::from_fn(|c| albedo[c] * tint[c])
+    };
     let (level, counts) = (&mut Counts::default(), &mut SceneCounts::default());
     for turn in 0..MOST_TURNS {
         let keep = |power: &mut [f64; 3], share: [f32; 3]| {
@@ -121,21 +126,21 @@ fn one<T: Sample>(
             (0..3).for_each(|c| power[c] *= f64::from(share[c]));
             before - mean(power)
         };
-        let (place, normal) = match world.meet(isovalue, &origin, direction, level, counts) {
+        let (place, normal) = match world.meet(isovalues, &origin, direction, level, counts) {
             Met::Nothing => return sum.escaped += mean(&power),
             Met::Cut => return sum.discarded += mean(&power),
             Met::Luminaire(_) => return sum.in_luminaires += mean(&power),
             Met::Lost => match at {
-                Some(before) => {
-                    sum.in_level_set += keep(&mut power, albedo);
-                    before
+                Some((place, normal, set)) => {
+                    sum.in_level_set += keep(&mut power, tinted(set));
+                    (place, normal)
                 }
                 None => return sum.discarded += mean(&power),
             },
-            Met::Level(cell, _) => {
-                sum.in_level_set += keep(&mut power, albedo);
-                match world.normal(&cell) {
-                    Some(normal) => (world.on_level(Start::on(cell)), normal),
+            Met::Level(set, cell) => {
+                sum.in_level_set += keep(&mut power, tinted(set));
+                match world.normal(set, &cell) {
+                    Some(normal) => (world.on_level(set, Start::on(cell)), normal),
                     None => return sum.left += mean(&power),
                 }
             }
@@ -172,7 +177,7 @@ fn one<T: Sample>(
         }
         let local = warp::square_to_cosine_hemisphere(sampler.pair(index, 2 + turn));
         direction = Frame::around(normal).from_local(local).as_dvec3().normalize_or(DVec3::Z);
-        at = matches!(place.place, Place::Level(_)).then_some((place, normal));
+        at = if let Place::Level(set, _) = place.place { Some((place, normal, set)) } else { None };
         origin = place;
     }
     sum.left += mean(&power);

@@ -7,7 +7,8 @@
 use super::super::REPLICATES;
 use super::super::direct::Radiance;
 use super::glass;
-use super::world::{Met, Origin, Place, SceneCounts, World};
+use super::images::Images;
+use super::world::{Isovalues, Met, Origin, Place, SceneCounts, World};
 use crate::error::{Error, Result};
 use crate::geom::{Direction, Frame, Normal};
 use crate::level::{CellPoint, Counts, LevelField, Pyramid, Start};
@@ -77,7 +78,9 @@ pub fn scene_radiance(
     let raw = volume.raw_from_value(isovalue) as f32;
     let each: Vec<(Option<Radiance>, SceneCounts)> = with_samples!(volume.samples(), s => {
         let field = LevelField::new(volume, s, pyramid);
-        let tracer = Tracer { world: World::new(volume, &field, geometry), isovalue: raw, environment, settings };
+        let world = World::new(volume, &field, geometry);
+        let isovalues = world.isovalues(raw);
+        let tracer = Tracer { world, isovalues, environment, settings };
         rays.par_iter()
             .enumerate()
             .map(|(i, &(origin, direction))| {
@@ -93,7 +96,7 @@ pub fn scene_radiance(
 
 pub(super) struct Tracer<'a, T> {
     pub(super) world: World<'a, T>,
-    pub(super) isovalue: f32,
+    pub(super) isovalues: Isovalues,
     pub(super) environment: Option<&'a dyn DirectionalSource>,
     pub(super) settings: &'a SceneReference,
 }
@@ -106,7 +109,7 @@ impl<T: Sample> Tracer<'_, T> {
 
     /// Radiance that leaves a point of the level set, towards anywhere: it is diffuse.
     pub(super) fn leaving(&self, at: CellPoint, item: u64, counts: &mut SceneCounts) -> Radiance {
-        let origin = self.world.on_level(Start::on(at));
+        let origin = self.world.on_level(0, Start::on(at));
         self.mean(origin, DVec3::Z, Some(at), item, counts)
     }
 
@@ -138,11 +141,17 @@ impl<T: Sample> Tracer<'_, T> {
         out
     }
 
+    /// Albedo of a level set.
+    fn albedo(&self, set: usize) -> [f32; 3] {
+        let tint = self.world.tint(set);
+        std::array::from_fn(|c| self.settings.albedo[c] * tint[c])
+    }
+
     /// Where the ray starts once it has passed the backs that it sees through; `None` if it meets nothing.
     fn first_origin(&self, origin: DVec3, direction: DVec3, counts: &mut SceneCounts) -> Option<Origin> {
         let mut from = Origin { place: Place::Free, in_world: origin };
         for _ in 0..MOST_BACKS {
-            match self.world.meet(self.isovalue, &from, direction, &mut Counts::default(), counts) {
+            match self.world.meet(&self.isovalues, &from, direction, &mut Counts::default(), counts) {
                 Met::Nothing => return None,
                 Met::Wall(hit)
                     if self.settings.sees_through_backs
@@ -185,8 +194,8 @@ impl<T: Sample> Tracer<'_, T> {
                 (0..3).for_each(|c| found[c] += weight[c] * light[c] * factor);
             };
             let met = match first.take() {
-                Some(cell) => Met::Level(cell, 0.0),
-                None => self.world.meet(self.isovalue, &origin, direction, level, counts),
+                Some(cell) => Met::Level(0, cell),
+                None => self.world.meet(&self.isovalues, &origin, direction, level, counts),
             };
             let (place, normal, albedo) = match met {
                 Met::Nothing => {
@@ -203,11 +212,11 @@ impl<T: Sample> Tracer<'_, T> {
                     return found;
                 }
                 Met::Lost => match at {
-                    Some((place, normal)) => (place, normal, self.settings.albedo),
+                    Some((place, normal, set)) => (place, normal, self.albedo(set)),
                     None => return found,
                 },
-                Met::Level(cell, _) => match self.world.normal(&cell) {
-                    Some(normal) => (self.world.on_level(Start::on(cell)), normal, self.settings.albedo),
+                Met::Level(set, cell) => match self.world.normal(set, &cell) {
+                    Some(normal) => (self.world.on_level(set, Start::on(cell)), normal, self.albedo(set)),
                     None => return found,
                 },
                 Met::Wall(hit) => {
@@ -238,7 +247,7 @@ impl<T: Sample> Tracer<'_, T> {
                     }
                 }
             };
-            if matches!(place.place, Place::Level(_)) {
+            if matches!(place.place, Place::Level(..)) {
                 add(&mut found, &weight, self.settings.emission.map(f64::from), 1.0);
             }
             (0..3).for_each(|c| weight[c] *= f64::from(albedo[c]));
@@ -255,11 +264,18 @@ impl<T: Sample> Tracer<'_, T> {
             }
             if self.settings.samples_luminaires {
                 for l in 0..luminaires {
+                    let images = Images { world: &self.world, isovalues: &self.isovalues, from: place, luminaire: l };
+                    images.each(level, counts, &mut |direction, value| {
+                        let cosine = direction.dot(normal.vec().as_dvec3());
+                        if cosine > 0.0 {
+                            add(&mut found, &weight, scaled(l, value), cosine / PI);
+                        }
+                    });
                     let u = sampler.pair(path, pairs * turn + 1 + l as u32);
                     let Some(light) = geometry.arriving(l, place.in_world, u) else { continue };
                     let cosine = light.direction.dot(normal.vec().as_dvec3());
                     if cosine > 0.0
-                        && self.world.sees(self.isovalue, &place, l, light.direction, light.distance, level, counts)
+                        && self.world.sees(&self.isovalues, &place, l, light.direction, light.distance, level, counts)
                     {
                         add(&mut found, &weight, scaled(l, light.value), cosine / PI);
                     }
@@ -268,7 +284,7 @@ impl<T: Sample> Tracer<'_, T> {
             let local = warp::square_to_cosine_hemisphere(sampler.pair(path, pairs * turn));
             direction = Frame::around(normal).from_local(local).as_dvec3().normalize_or(DVec3::Z);
             counts_light = !self.settings.samples_luminaires;
-            at = matches!(place.place, Place::Level(_)).then_some((place, normal));
+            at = if let Place::Level(set, _) = place.place { Some((place, normal, set)) } else { None };
             (origin, turn, specular) = (place, turn + 1, 0);
         }
         found

@@ -58,7 +58,8 @@ pub fn site_radiance(
                 }
                 let isovalue = site.isovalue.map_or(field.raw_value(&at), |c| volume.raw_from_value(c) as f32);
                 let world = World::new(volume, &field, geometry);
-                let tracer = Tracer { world, isovalue, environment, settings: &of_site(site) };
+                let isovalues = world.isovalues(isovalue);
+                let tracer = Tracer { world, isovalues, environment, settings: &of_site(site) };
                 (Some(tracer.leaving(at, i as u64, &mut counts)), counts)
             })
             .collect()

@@ -4,23 +4,24 @@
 //! comes back to it but by a wall. Walls and luminaires are met anywhere. Where a ray enters the box from outside in the
 //! solid it meets the cut through it, which is black: the solid has no surface there.
 //!
-//! Walls flush with a face of the box count as outside: for walls, points of the level set lie at least [`INSIDE`] of a cell
-//! within the box.
+//! Walls flush with a face of the box count as outside: for walls, points of the level set lie a little within the box.
+//!
+//! Where volumes have partners a ray carries an isovalue for each of them, and the nearest of their level sets counts. A point
+//! of one that lies in the solid of another is *buried*: no light reaches it.
 
-use crate::geom::{Affine, Normal};
-use crate::level::{CellPoint, Counts, LevelField, Outcome, Start};
-use crate::scene::geometry::{Geometry, LightHit, WallHit};
-use crate::volume::{Sample, Volume};
+use super::images;
+use super::level_set::{Along, PartnerSet, Placement, Standing};
+use crate::geom::Normal;
+use crate::level::{CellPoint, Counts, LevelField, Start};
+use crate::scene::geometry::{FlatMirror, Geometry, LightHit, Partner, WallHit};
+use crate::volume::{Sample, Volume, with_samples};
 use glam::DVec3;
-
-/// Distance from the faces of the box within which points of the level set do not come for walls, in cells.
-const INSIDE: f64 = 1.0 / 1024.0;
 
 /// A place where paths turn.
 #[derive(Clone, Copy)]
 pub(super) enum Place {
-    /// On the level set.
-    Level(Start),
+    /// On a level set: that of the volume, 0, or of partner n − 1.
+    Level(usize, Start),
     /// On a part of a wall.
     Wall(u32),
     /// Anywhere else: luminaires, cameras.
@@ -38,11 +39,11 @@ pub(super) struct Origin {
 pub(super) enum Met {
     /// The environment.
     Nothing,
-    /// Its level set.
-    Level(CellPoint, f64),
+    /// Its level set, 0, or that of partner n − 1.
+    Level(usize, CellPoint),
     /// The facet under a smoothed normal, or solid around a wall.
     Lost,
-    /// A cut through the solid at the border of the box.
+    /// A cut through the solid at the border of the box; or the solid of a partner, around a point of a level set.
     Cut,
     Wall(WallHit),
     Luminaire(LightHit),
@@ -65,6 +66,12 @@ pub struct SceneCounts {
     pub luminaire_hits: u64,
     /// Paths that ended on a cut through the solid, or inside it.
     pub cut: u64,
+    /// Rays of both kinds that came into the box of a partner.
+    pub partner_rays: u64,
+    /// Paths' meetings with level sets of partners.
+    pub partner_hits: u64,
+    /// Texels inside the solid of a partner: they have no surface.
+    pub buried: u64,
 }
 
 impl SceneCounts {
@@ -83,57 +90,107 @@ impl std::ops::AddAssign for SceneCounts {
         self.specular_hits += other.specular_hits;
         self.luminaire_hits += other.luminaire_hits;
         self.cut += other.cut;
+        self.partner_rays += other.partner_rays;
+        self.partner_hits += other.partner_hits;
+        self.buried += other.buried;
     }
 }
+
+/// The isovalue of a ray in raw samples of the volume, then of each partner.
+pub(super) type Isovalues = Vec<f32>;
 
 /// All that a ray can meet.
 pub(super) struct World<'a, T> {
     pub(super) field: &'a LevelField<'a, T>,
     pub(super) geometry: &'a Geometry,
-    world_from_grid: Affine,
-    grid_from_world: Affine,
-    last: DVec3,
+    volume: &'a Volume,
+    placement: Placement,
+    partners: Vec<Box<dyn PartnerSet + 'a>>,
+    /// Those in which images of luminaires are looked for.
+    pub(super) mirrors: Vec<FlatMirror>,
 }
 
 impl<'a, T: Sample> World<'a, T> {
-    pub(super) fn new(volume: &Volume, field: &'a LevelField<'a, T>, geometry: &'a Geometry) -> Self {
-        let world_from_grid = *volume.world_from_grid();
-        let last = DVec3::from_array(volume.dims().map(|d| (d - 1) as f64));
-        Self { field, geometry, world_from_grid, grid_from_world: world_from_grid.inverse(), last }
+    pub(super) fn new(volume: &'a Volume, field: &'a LevelField<'a, T>, geometry: &'a Geometry) -> Self {
+        let partner = |partner: &'a Partner| -> Box<dyn PartnerSet + 'a> {
+            let (volume, pyramid) = (&*partner.volume, &*partner.pyramid);
+            with_samples!(volume.samples(), s => {
+                let field = LevelField::new(volume, s, pyramid);
+                Box::new(Standing { field, placement: Placement::new(volume) })
+            })
+        };
+        let partners = geometry.partners().iter().map(partner).collect();
+        Self {
+            field,
+            geometry,
+            volume,
+            placement: Placement::new(volume),
+            partners,
+            mirrors: images::mirrors(geometry),
+        }
     }
 
-    /// A start on the level set and its place in world.
-    pub(super) fn on_level(&self, start: Start) -> Origin {
-        let in_grid = start.at.cell.as_dvec3() + start.at.local.as_dvec3();
-        let within = in_grid.clamp(DVec3::splat(INSIDE), self.last - INSIDE);
-        Origin { place: Place::Level(start), in_world: self.world_from_grid.point(within) }
+    /// The isovalues of a ray, from that of the volume in raw samples.
+    pub(super) fn isovalues(&self, raw: f32) -> Isovalues {
+        let value = self.volume.value_from_raw(f64::from(raw));
+        let of_partner = |p: &Partner| p.volume.raw_from_value(p.isovalue.at(value)) as f32;
+        std::iter::once(raw).chain(self.geometry.partners().iter().map(of_partner)).collect()
     }
 
-    /// Outward normal of a point of the level set.
-    pub(super) fn normal(&self, at: &CellPoint) -> Option<Normal> {
-        self.field.normal(at)
+    /// Factor on the albedo of a level set.
+    pub(super) fn tint(&self, set: usize) -> [f32; 3] {
+        match set.checked_sub(1) {
+            Some(partner) => self.geometry.partners()[partner].tint,
+            None => self.geometry.tint(),
+        }
+    }
+
+    /// A start on a level set and its place in world.
+    pub(super) fn on_level(&self, set: usize, start: Start) -> Origin {
+        let placement = set.checked_sub(1).map_or(&self.placement, |partner| self.partners[partner].place());
+        Origin { place: Place::Level(set, start), in_world: placement.on_level(&start) }
+    }
+
+    /// Outward normal of a point of a level set.
+    pub(super) fn normal(&self, set: usize, at: &CellPoint) -> Option<Normal> {
+        match set.checked_sub(1) {
+            Some(partner) => self.partners[partner].normal_at(at),
+            None => self.field.normal(at),
+        }
+    }
+
+    /// Whether a point of the volume's level set lies in the solid of a partner.
+    pub(super) fn is_buried(&self, isovalues: &[f32], point: DVec3) -> bool {
+        self.partners.iter().zip(&isovalues[1..]).any(|(partner, &isovalue)| partner.is_buried(isovalue, point))
     }
 
     /// The first thing on a ray of unit direction.
     pub(super) fn meet(
         &self,
-        isovalue: f32,
+        isovalues: &[f32],
         from: &Origin,
         direction: DVec3,
         level: &mut Counts,
         counts: &mut SceneCounts,
     ) -> Met {
         counts.path_rays += 1;
-        let met = self.level_along(isovalue, from, direction, level);
-        let limit = match &met {
-            Met::Level(_, distance) => *distance,
-            Met::Lost => return Met::Lost,
-            Met::Cut => self.cut_distance(from.in_world, direction),
-            _ => f64::INFINITY,
-        };
+        let (mut limit, mut found) = (f64::INFINITY, Met::Nothing);
+        for (set, &isovalue) in isovalues.iter().enumerate() {
+            match self.along(set, isovalue, from, direction, limit, level, counts) {
+                Along::Nothing => {}
+                Along::Hit(cell, distance) if distance < limit => (limit, found) = (distance, Met::Level(set, cell)),
+                Along::Cut(distance) if distance < limit => (limit, found) = (distance, Met::Cut),
+                Along::Hit(..) | Along::Cut(_) => {}
+                // A point of another level set around which there is solid, or one of its own.
+                Along::Lost => match from.place {
+                    Place::Level(own, _) if own != set => return Met::Cut,
+                    _ => return Met::Lost,
+                },
+            }
+        }
+        counts.partner_hits += u64::from(matches!(found, Met::Level(set, _) if set > 0));
         let own = if let Place::Wall(part) = from.place { Some(part) } else { None };
         let mut nearest = limit;
-        let mut found = met;
         if self.geometry.parts() > 0 {
             counts.wall_rays += 1;
             if let Some(hit) = self.geometry.first_wall(from.in_world, direction, own, limit) {
@@ -150,7 +207,7 @@ impl<'a, T: Sample> World<'a, T> {
     /// Whether light of luminaire `l` reaches a point along a direction from a distance.
     pub(super) fn sees(
         &self,
-        isovalue: f32,
+        isovalues: &[f32],
         from: &Origin,
         l: usize,
         direction: DVec3,
@@ -169,66 +226,37 @@ impl<'a, T: Sample> World<'a, T> {
         if self.geometry.is_shaded_by_luminaires(l, from.in_world, direction, distance) {
             return false;
         }
-        match self.level_along(isovalue, from, direction, level) {
-            Met::Nothing => true,
-            Met::Level(_, hit) => hit >= distance,
-            Met::Cut => self.cut_distance(from.in_world, direction) >= distance,
-            _ => false,
-        }
+        isovalues.iter().enumerate().all(|(set, &isovalue)| {
+            match self.along(set, isovalue, from, direction, distance, level, counts) {
+                Along::Nothing => true,
+                Along::Hit(_, hit) => hit >= distance,
+                Along::Cut(cut) => cut >= distance,
+                Along::Lost => false,
+            }
+        })
     }
 
-    /// What the level set alone does to a ray.
-    fn level_along(&self, isovalue: f32, from: &Origin, direction: DVec3, counts: &mut Counts) -> Met {
-        let start = match from.place {
-            Place::Level(start) => start,
-            _ => match self.enter(isovalue, from.in_world, direction) {
-                Ok(start) => start,
-                Err(met) => return met,
-            },
+    /// What one level set alone does to a ray before `limit`.
+    fn along(
+        &self,
+        set: usize,
+        isovalue: f32,
+        from: &Origin,
+        direction: DVec3,
+        limit: f64,
+        level: &mut Counts,
+        counts: &mut SceneCounts,
+    ) -> Along {
+        let on = match from.place {
+            Place::Level(own, start) if own == set => Some(start),
+            _ => None,
         };
-        match self.field.trace(isovalue, &start, self.field.direction_in_grid(direction.as_vec3()), counts) {
-            Outcome::Escaped => Met::Nothing,
-            Outcome::Lost => Met::Lost,
-            Outcome::Hit(hit) => {
-                let in_grid = hit.at.cell.as_dvec3() + hit.at.local.as_dvec3();
-                let distance = (self.world_from_grid.point(in_grid) - from.in_world).dot(direction);
-                Met::Level(hit.at, distance.max(0.0))
-            }
-        }
-    }
-
-    /// Where a ray from outside the level set enters the box, or why it does not.
-    fn enter(&self, isovalue: f32, origin: DVec3, direction: DVec3) -> Result<Start, Met> {
-        let (enter, _) = self.span(origin, direction).ok_or(Met::Nothing)?;
-        let (o, d) = (self.grid_from_world.point(origin), self.grid_from_world.vector(direction));
-        let at = self.field.locate((o + enter * d).to_array());
-        let is_solid = self.field.sign() * (self.field.raw_value(&at) - isovalue) > 0.0;
-        match (is_solid, enter > 0.0) {
-            (false, _) => Ok(Start::beside(at)),
-            (true, true) => Err(Met::Cut),
-            (true, false) => Err(Met::Lost),
-        }
-    }
-
-    /// Distances at which a ray enters and leaves the box; `None` if it does not meet it.
-    fn span(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64)> {
-        let (o, d) = (self.grid_from_world.point(origin), self.grid_from_world.vector(direction));
-        let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
-        for a in 0..3 {
-            if d[a] == 0.0 {
-                if o[a] < 0.0 || o[a] > self.last[a] {
-                    return None;
-                }
-                continue;
-            }
-            let (t0, t1) = ((0.0 - o[a]) / d[a], (self.last[a] - o[a]) / d[a]);
-            enter = enter.max(t0.min(t1));
-            leave = leave.min(t0.max(t1));
-        }
-        (enter < leave).then_some((enter, leave))
-    }
-
-    fn cut_distance(&self, origin: DVec3, direction: DVec3) -> f64 {
-        self.span(origin, direction).map_or(f64::INFINITY, |(enter, _)| enter)
+        let Some(partner) = set.checked_sub(1) else {
+            return self.placement.along(self.field, isovalue, on, from.in_world, direction, limit, level);
+        };
+        let before = level.rays;
+        let found = self.partners[partner].meet_along(isovalue, on, from.in_world, direction, limit, level);
+        counts.partner_rays += level.rays - before;
+        found
     }
 }
