@@ -6,7 +6,8 @@
 //!     cargo run --release --example measure-bandwidth -- relight PROGRAM STORE.isolume ISOVALUE [REPETITIONS]
 //!
 //! Prints CSV. The variants of a table take turns in every repetition, so that other work on the machine meets all of
-//! them; figures are medians of wall and of processor time. `volumes` writes what `flying_edges.py` reads.
+//! them; figures are medians of wall and of processor time. On a busy machine the wall says little: `of_read_by_cpu`
+//! is the same ratio in processor time. `volumes` writes what `flying_edges.py` reads.
 
 use cpu_time::ProcessTime;
 use isolume::relight::{Light, Material, contract, texels_of_isosurface};
@@ -97,7 +98,7 @@ fn contraction(path: &Path, isovalue: f64, repetitions: usize) -> Outcome {
     eprintln!("{} bricks, {valid} valid texels, {bytes} bytes read, {written} written", bricks.len());
     let words: Vec<u64> = (0..bytes as u64 / 8).collect();
     let mut copy = vec![1u64; words.len()];
-    println!("threads,what,gigabytes,wall_ms,cpu_ms,least_wall_ms,gigabytes_a_second,of_read");
+    println!("threads,what,gigabytes,wall_ms,cpu_ms,least_wall_ms,gigabytes_a_second,of_read,of_read_by_cpu");
     for (pool, threads) in pools()?.iter().zip(THREADS) {
         let mut times: [Times; 4] = Default::default();
         for _ in 0..repetitions {
@@ -112,17 +113,19 @@ fn contraction(path: &Path, isovalue: f64, repetitions: usize) -> Outcome {
             })?;
         }
         let read = words.len() as f64 * 8.0 / times[0].median(0);
+        let read_cpu = times[0].median(1);
         let names = ["read", "copy (read and written)", "contraction (in memory)", "contraction (store)"];
         for ((name, times), factor) in names.iter().zip(&times).zip([1.0, 2.0, 1.0, 1.0]) {
             let rate = factor * bytes as f64 / times.median(0);
             println!(
-                "{threads},{name},{:.3},{:.2},{:.2},{:.2},{:.2},{:.3}",
+                "{threads},{name},{:.3},{:.2},{:.2},{:.2},{:.2},{:.3},{:.3}",
                 factor * bytes as f64 * 1e-9,
                 1e3 * times.median(0),
                 1e3 * times.median(1),
                 1e3 * times.least(),
                 1e-9 * rate,
-                rate / read
+                rate / read,
+                factor * read_cpu / times.median(1)
             );
         }
     }

@@ -1,4 +1,4 @@
-//! Sixteen texels at a time: the inner loops of contraction.
+//! Eight texels at a time: the inner loops of contraction.
 //!
 //! Stored transfer has a texel's coefficients side by side. Here a block of texels is widened to f32 and turned, so
 //! that each coefficient is one column of [`LANES`] numbers, and every step of the arithmetic is the same for all of
@@ -12,7 +12,7 @@ use glam::Vec4;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 
-/// Texels in a block: two registers of AVX2.
+/// Texels in a block: one register of AVX2. Sixteen took as long.
 pub(super) const LANES: usize = 8;
 
 /// One number for each texel of a block.
