@@ -1,8 +1,8 @@
 """VTK's flying edges on the volumes of `measure-bandwidth`, for comparison.
 
-    python3 -m venv /tmp/vtk && /tmp/vtk/bin/pip install vtk numpy
+    python3 -m venv vtk && vtk/bin/pip install vtk numpy
     cargo run --release --example measure-bandwidth -- volumes DIRECTORY
-    /tmp/vtk/bin/python probes/measure/flying_edges.py DIRECTORY [REPETITIONS]
+    vtk/bin/python probes/measure/flying_edges.py DIRECTORY [REPETITIONS]
 
 Reads each NAME.json (dims, dtype, isovalue) with NAME.raw beside it, which the Rust program writes, and prints CSV:
 volume, threads, vertices, triangles, median wall and CPU milliseconds. No normals, gradients or scalars; the copy of
