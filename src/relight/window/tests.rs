@@ -155,7 +155,7 @@ fn relit_texels_of_four_rays_are_non_negative_in_single_precision() {
             let first =
                 Coefficients::new(bands, prepared.light.coefficients(0).iter().map(|v| v[0]).collect()).unwrap();
             let dark = darkest(&first).as_vec3().normalize();
-            let stderr = vec![half::f16::ZERO; layers.errors()];
+            let stderr = vec![f16::ZERO; layers.errors()];
             for texel in 0..300 {
                 let rgb = twin::texel(&weights, &transfer(&layers, texel, dark), &stderr, &layers).rgb;
                 assert!(rgb.min_element() >= 0.0 && rgb.is_finite(), "{name}, {bands} bands: {rgb}");
