@@ -23,7 +23,7 @@ pub struct Contracted {
     pub(super) stderr: Vec<f32>,
     /// Noise of the bake as it shows under this light and material, over the valid texels contracted.
     pub noise: Noise,
-    /// Largest S_∞ left out by emission at albedo 1, see [`Tail::emission`]; 0 otherwise.
+    /// Largest S_∞ left out by emission at albedo 1, see [`Tail::emission`](super::Tail::emission); 0 otherwise.
     pub emission_remainder: f32,
 }
 
