@@ -1,11 +1,14 @@
 //! Contraction: the dot product of every touched texel's transfer with the light.
 
+use super::block::{self, LANES, Lanes, each};
 use super::noise::{NoiseWeights, TailRadiance};
-use super::{Light, Material, Tail};
+use super::tail::Tails;
+use super::{Light, Material};
 use crate::error::{Error, Result};
 use crate::transfer::{BRICK, BRICK_TEXELS, BrickSource, BrickView, Lattice, Layers, MAX_LAYERS, validity};
-use glam::{Vec3, Vec4};
-use half::slice::HalfFloatSliceExt;
+use glam::Vec4;
+use half::f16;
+use multiversion::{multiversion, target::match_target};
 use rayon::prelude::*;
 
 /// Radiance of the texels of some bricks: the transfer texture with the light multiplied in.
@@ -20,7 +23,7 @@ pub struct Contracted {
     pub(super) stderr: Vec<f32>,
     /// Noise of the bake as it shows under this light and material, over the valid texels contracted.
     pub noise: Noise,
-    /// Largest S_∞ left out by emission at albedo 1, see [`Tail::emission`]; 0 otherwise.
+    /// Largest S_∞ left out by emission at albedo 1, see [`Tail::emission`](super::Tail::emission); 0 otherwise.
     pub emission_remainder: f32,
 }
 
@@ -51,12 +54,12 @@ pub(super) const NO_BRICK: u32 = u32::MAX;
 pub(super) struct Weights {
     // Per coefficient: ρ^(k+1) L_i for the three channels, zero where the light has no such band; and what
     // `noise` puts there.
-    rows: Vec<Vec4>,
+    pub(super) rows: Vec<Vec4>,
     // Coefficients of each layer that the light reaches, as (offset, count).
-    spans: Vec<(usize, usize)>,
-    noise: NoiseWeights,
-    albedo: [f32; 3],
-    emission: [f32; 3],
+    pub(super) spans: Vec<(usize, usize)>,
+    pub(super) noise: NoiseWeights,
+    pub(super) albedo: [f32; 3],
+    pub(super) emission: [f32; 3],
 }
 
 impl Weights {
@@ -79,58 +82,97 @@ impl Weights {
         Self { rows, spans, noise, albedo: material.albedo, emission: material.emission }
     }
 
-    /// Radiance of one texel.
-    #[inline]
-    pub(super) fn texel(&self, transfer: &[f32], layers: &Layers) -> TexelRadiance {
-        let mut sum = Vec4::ZERO;
-        let mut contracted = [Vec4::ZERO; MAX_LAYERS];
-        for (layer, &(offset, count)) in contracted.iter_mut().zip(&self.spans) {
-            for (t, w) in transfer[offset..offset + count].iter().zip(&self.rows[offset..offset + count]) {
-                *layer += *w * *t;
+    /// Radiance of the texels of a block from their columns; leaves in `work` what the noise needs of it.
+    #[inline(always)]
+    fn block(&self, columns: &[Lanes], layers: &Layers, dot: impl Dot, work: &mut BlockWork) -> [Lanes; 3] {
+        let mut rgb = [[0.0; LANES]; 3];
+        for (layer, &(offset, count)) in work.contracted.iter_mut().zip(&self.spans) {
+            *layer = dot(&columns[offset..offset + count], &self.rows[offset..offset + count]);
+            for (sum, channel) in rgb.iter_mut().zip(&*layer) {
+                *sum = each(|j| sum[j] + channel[j]);
             }
-            sum += *layer;
         }
-        let mut out = TexelRadiance { rgb: sum.truncate(), contracted, tail: TailRadiance::default(), left_out: 0.0 };
+        work.tail = TailRadiance::NONE;
+        work.left_out = 0.0;
         if layers.len() < 2 && self.emission == [0.0; 3] {
-            return out;
+            return rgb;
         }
-        let mut escapes = [0.0f32; MAX_LAYERS];
-        for k in 0..layers.len() {
-            escapes[k] = transfer[layers.offset(k)] * (2.0 * std::f32::consts::PI.sqrt());
-        }
-        let escapes = &escapes[..layers.len()];
-        let tail = Tail::new(escapes);
-        let last = contracted[layers.len() - 1].truncate();
-        let beyond = last * Vec3::from_array(self.albedo.map(|albedo| tail.gain(albedo)));
-        out.rgb += beyond;
-        let slope = last * Vec3::from_array(self.albedo.map(|albedo| tail.gain_slope(albedo)));
-        out.tail = TailRadiance {
-            beyond: beyond.element_sum() * (1.0 / 3.0),
-            slope: slope.element_sum() * (1.0 / 3.0),
-            ratio_slopes: tail.ratio_slopes(),
-            survival: tail.survival(),
+        let escape = |k: usize| {
+            let column = &columns[layers.offset(k)];
+            each(|j| column[j] * (2.0 * std::f32::consts::PI.sqrt()))
         };
+        let last = layers.len() - 1;
+        let mut escaped = escape(0);
+        for k in 1..=last {
+            let more = escape(k);
+            escaped = each(|j| escaped[j] + more[j]);
+        }
+        let tail = Tails::new(&escaped, (last > 0).then(|| escape(last - 1)).as_ref(), &escape(last));
+        let of_last = &work.contracted[last];
+        let [mut beyond, mut slope] = [[[0.0; LANES]; 3]; 2];
+        for c in 0..3 {
+            let albedo = self.albedo[c];
+            beyond[c] = each(|j| of_last[c][j] * tail.at(j).gain(albedo));
+            slope[c] = each(|j| of_last[c][j] * tail.at(j).gain_slope(albedo));
+            rgb[c] = each(|j| rgb[c][j] + beyond[c][j]);
+        }
+        let mean = |v: &[Lanes; 3]| each(|j| (v[0][j] + v[1][j] + v[2][j]) * (1.0 / 3.0));
+        work.tail.beyond = mean(&beyond);
+        work.tail.slope = mean(&slope);
+        work.tail.ratio_slopes = tail.ratio_slopes();
+        work.tail.survival = tail.survival;
         if self.emission != [0.0; 3] {
+            self.emit(columns, layers, &tail, &mut rgb, &mut work.left_out);
+        }
+        rgb
+    }
+
+    /// Adds emission.
+    fn emit(&self, columns: &[Lanes], layers: &Layers, tails: &Tails, rgb: &mut [Lanes; 3], left_out: &mut f32) {
+        let mut escapes = [0.0f32; MAX_LAYERS];
+        for j in 0..LANES {
+            for k in 0..layers.len() {
+                escapes[k] = columns[layers.offset(k)][j] * (2.0 * std::f32::consts::PI.sqrt());
+            }
             for c in 0..3 {
-                let (factor, remainder) = tail.emission(escapes, self.albedo[c]);
-                out.rgb[c] += self.emission[c] * factor;
+                let (factor, remainder) = tails.at(j).emission(&escapes[..layers.len()], self.albedo[c]);
+                rgb[c][j] += self.emission[c] * factor;
                 if self.emission[c] > 0.0 {
-                    out.left_out = out.left_out.max(remainder);
+                    *left_out = left_out.max(remainder);
                 }
             }
         }
-        out
     }
 }
 
-/// What contraction makes of one texel.
-pub(super) struct TexelRadiance {
-    pub(super) rgb: Vec3,
-    // ⟨T_k, L⟩ of each layer with its albedo; in the fourth lane ⟨T_k, G_k²⟩, see `noise`.
-    contracted: [Vec4; MAX_LAYERS],
+/// What contraction leaves of a block beside its radiance.
+struct BlockWork {
+    // ⟨T_k, L⟩ of each layer with its albedo; fourth ⟨T_k, G_k²⟩, see `noise`. One entry a layer.
+    contracted: Vec<[Lanes; 4]>,
     tail: TailRadiance,
-    // Emission that the sum leaves out.
+    // Emission that the sum leaves out, the most of any lane.
     left_out: f32,
+}
+
+/// Room for the blocks of one task.
+struct Room {
+    columns: Vec<Lanes>,
+    errors: Vec<Lanes>,
+    work: BlockWork,
+}
+
+impl Room {
+    fn new(layers: &Layers) -> Self {
+        Self {
+            columns: vec![[0.0; LANES]; layers.coefficients()],
+            errors: vec![[0.0; LANES]; layers.errors()],
+            work: BlockWork {
+                contracted: vec![[[0.0; LANES]; 4]; layers.len()],
+                tail: TailRadiance::NONE,
+                left_out: 0.0,
+            },
+        }
+    }
 }
 
 /// What one brick gave.
@@ -158,24 +200,31 @@ pub fn contract(
         let remedy = "use isolume relight, which knows walls and luminaires";
         return Err(Error::argument("texture", "the coloured transfer of a scene", expected, remedy));
     }
-    let weights = Weights::new(&layout.layers, light, material);
+    let (layers, weights) = (&layout.layers, Weights::new(&layout.layers, light, material));
     let [bx, by, bz] = layout.lattice.bricks();
     let mut slots = vec![NO_BRICK; bx * by * bz];
     for (slot, b) in bricks.iter().enumerate() {
         slots[b[0] + bx * (b[1] + by * b[2])] = slot as u32;
     }
-    let mut radiance = vec![[0.0, 0.0, 0.0, -1.0]; bricks.len() * BRICK_TEXELS];
+    // Zeroed memory, so that the threads that fill the pages are the first to touch them.
+    let mut radiance = vec![[0.0; 4]; bricks.len() * BRICK_TEXELS];
     let mut stderr = vec![0.0f32; radiance.len()];
     let totals = radiance
         .par_chunks_mut(BRICK_TEXELS)
         .zip(stderr.par_chunks_mut(BRICK_TEXELS))
         .zip(bricks)
-        .map_init(Vec::new, |buffer, ((out, errors), &index)| {
-            Ok(match source.brick(index)? {
-                Some(view) => contract_brick(&view, &layout.layers, &weights, out, errors, buffer),
-                None => BrickTotals::default(),
-            })
-        })
+        .map_init(
+            || Room::new(layers),
+            |room, ((out, out_errors), &index)| {
+                Ok(match source.brick(index)? {
+                    Some(view) => contract_brick(BrickJob { view, layers, weights: &weights, out, out_errors, room }),
+                    None => {
+                        out.fill([0.0, 0.0, 0.0, -1.0]);
+                        BrickTotals::default()
+                    }
+                })
+            },
+        )
         .collect::<Result<Vec<BrickTotals>>>()?;
     let mut sum = BrickTotals::default();
     for t in totals {
@@ -189,37 +238,92 @@ pub fn contract(
     Ok(Contracted { lattice: layout.lattice, slots, radiance, stderr, noise, emission_remainder: sum.left_out })
 }
 
-fn contract_brick(
-    view: &BrickView<'_>,
-    layers: &Layers,
-    weights: &Weights,
-    out: &mut [[f32; 4]],
-    out_errors: &mut [f32],
-    buffer: &mut Vec<f32>,
-) -> BrickTotals {
-    let (coefficients, errors) = (layers.coefficients(), layers.errors());
-    buffer.resize(coefficients, 0.0);
-    let mut totals = BrickTotals::default();
-    for (t, out) in out.iter_mut().enumerate() {
-        let stored = &view.transfer[t * coefficients..(t + 1) * coefficients];
-        if view.validity[t] & validity::VALID == 0 {
-            let baked = !stored[0].is_nan();
-            *out = [0.0, 0.0, 0.0, if baked { 0.0 } else { -1.0 }];
-            continue;
-        }
-        stored.convert_to_f32_slice(buffer);
-        let texel = weights.texel(buffer, layers);
-        let rgb = texel.rgb;
-        *out = [rgb.x, rgb.y, rgb.z, 1.0];
-        let stderr = &view.stderr[t * errors..(t + 1) * errors];
-        let variance = weights.noise.variance(buffer, &texel.contracted, &texel.tail, stderr);
-        out_errors[t] = variance.sqrt();
-        totals.variance += f64::from(variance);
-        totals.radiance += f64::from(rgb.x + rgb.y + rgb.z) / 3.0;
-        totals.texels += 1;
-        totals.left_out = totals.left_out.max(texel.left_out);
+/// A brick to contract, and where to.
+struct BrickJob<'a> {
+    view: BrickView<'a>,
+    layers: &'a Layers,
+    weights: &'a Weights,
+    out: &'a mut [[f32; 4]],
+    out_errors: &'a mut [f32],
+    room: &'a mut Room,
+}
+
+/// [`block::columns`] in one of its forms.
+trait Columns: Fn(&[f16], usize, &[usize; LANES], &mut [Lanes]) {}
+impl<F: Fn(&[f16], usize, &[usize; LANES], &mut [Lanes])> Columns for F {}
+
+/// [`block::dot`] in one of its forms.
+trait Dot: Fn(&[Lanes], &[Vec4]) -> [Lanes; 4] {}
+impl<F: Fn(&[Lanes], &[Vec4]) -> [Lanes; 4]> Dot for F {}
+
+/// Contracts a brick with what this processor has. No variant uses fused multiply-add: all give the same bits.
+#[multiversion(targets("x86_64+avx+avx2+f16c"))]
+fn contract_brick(job: BrickJob<'_>) -> BrickTotals {
+    match_target! {
+        "x86_64+avx+avx2+f16c" => job.run(
+            |stored, n, texels, out| block::wide::columns(stored, n, texels, out),
+            |columns, weights| block::wide::dot(columns, weights),
+        ),
+        _ => job.run(block::columns, block::dot),
     }
-    totals
+}
+
+impl BrickJob<'_> {
+    /// Inlined, with all that it calls, where the wide registers are.
+    #[inline(always)]
+    fn run(mut self, turn: impl Columns, dot: impl Dot) -> BrickTotals {
+        let coefficients = self.layers.coefficients();
+        let mut totals = BrickTotals::default();
+        // In the order of memory, so that the processor fetches ahead.
+        let (mut valid, mut count) = ([0; LANES], 0);
+        for t in 0..BRICK_TEXELS {
+            if self.view.validity[t] & validity::VALID == 0 {
+                let baked = !self.view.transfer[t * coefficients].is_nan();
+                self.out[t] = [0.0, 0.0, 0.0, if baked { 0.0 } else { -1.0 }];
+                continue;
+            }
+            valid[count] = t;
+            count += 1;
+            if count == LANES {
+                self.block(&valid, count, &turn, &dot, &mut totals);
+                count = 0;
+            }
+        }
+        if count > 0 {
+            // A block that is not full repeats its last texel.
+            let last = valid[count - 1];
+            valid[count..].fill(last);
+            self.block(&valid, count, &turn, &dot, &mut totals);
+        }
+        totals
+    }
+
+    /// Contracts the first `count` of some texels, all of which are valid.
+    #[inline(always)]
+    fn block(
+        &mut self,
+        texels: &[usize; LANES],
+        count: usize,
+        turn: &impl Columns,
+        dot: &impl Dot,
+        totals: &mut BrickTotals,
+    ) {
+        let Self { view, layers, weights, out, out_errors, room } = self;
+        turn(view.transfer, layers.coefficients(), texels, &mut room.columns);
+        turn(view.stderr, layers.errors(), texels, &mut room.errors);
+        let [red, green, blue] = weights.block(&room.columns, layers, dot, &mut room.work);
+        let BlockWork { contracted, tail, left_out } = &room.work;
+        let variance = weights.noise.variance(&room.columns, contracted, tail, &room.errors);
+        let stderr = each(|j| variance[j].sqrt());
+        for (j, &t) in texels[..count].iter().enumerate() {
+            out[t] = [red[j], green[j], blue[j], 1.0];
+            out_errors[t] = stderr[j];
+            totals.variance += f64::from(variance[j]);
+            totals.radiance += f64::from(red[j] + green[j] + blue[j]) / 3.0;
+        }
+        totals.texels += count as u64;
+        totals.left_out = totals.left_out.max(*left_out);
+    }
 }
 
 impl Contracted {

@@ -9,6 +9,7 @@
 //! Before it, [`prepare`] cuts and windows the light for each layer; after it,
 //! [`Contracted::clamp_negative`] and [`VertexRadiance::add_sun`] are options.
 
+mod block;
 mod clamp;
 mod contract;
 mod exposure;
@@ -22,6 +23,8 @@ mod window;
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod twin;
 
 pub use clamp::ClampReport;
 pub use contract::{Contracted, Noise, contract};

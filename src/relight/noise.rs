@@ -21,38 +21,38 @@
 //!
 //! Left out: the noise of emission, and correlations between the three channels (σ is that of their mean).
 
+use super::block::{LANES, Lanes, each};
 use super::{Light, Material};
 use crate::sampling::statistics::POOLED_BANDS;
 use crate::sh::{Coefficients, project};
 use crate::transfer::Layers;
 use glam::Vec4;
-use half::f16;
 
 /// Share of the events that may come from anywhere on the sphere.
 ///
 /// With 0 the intervals of nearly open texels are too short: what they see least of is where their noise is. Measured
 /// over bowl, caffeine_density and purkinje_neuron under three skies at 64 and 256 rays, 95 % intervals cover
 /// 86 to 98 % of the texels with 0, 92 to 98 % with 0.1, 94 to 99 % with 0.2.
-const ELSEWHERE: f32 = 0.125;
+pub(super) const ELSEWHERE: f32 = 0.125;
 
 /// Chances to escape below this tell nothing of where: then all of the events are taken to come from anywhere.
-const NO_DIRECTIONS: f32 = 1e-3;
+pub(super) const NO_DIRECTIONS: f32 = 1e-3;
 
-const ROOT_FOUR_PI: f32 = 3.544_907_7;
+pub(super) const ROOT_FOUR_PI: f32 = 3.544_907_7;
 
 /// What the events of one layer bring.
-struct LayerNoise {
+pub(super) struct LayerNoise {
     // Of the layer's coefficients, and of its standard errors.
     offset: usize,
     error_offset: usize,
     bands: usize,
     // Means over the sphere of G_k and of its square.
-    mean: f32,
-    mean_square: f32,
+    pub(super) mean: f32,
+    pub(super) mean_square: f32,
 }
 
 /// The weights of one contraction for the variance.
-pub(super) struct NoiseWeights(Vec<LayerNoise>);
+pub(super) struct NoiseWeights(pub(super) Vec<LayerNoise>);
 
 impl NoiseWeights {
     /// Also writes the coefficients of G_k² into the fourth lane of `rows`, whose others hold ρ^(k+1) L, and the
@@ -95,64 +95,96 @@ impl NoiseWeights {
         Self(noise)
     }
 
-    /// Variance of the mean of the channels of a texel, from its contracted layers.
-    pub(super) fn variance(&self, transfer: &[f32], contracted: &[Vec4], tail: &TailRadiance, stderr: &[f16]) -> f32 {
-        let channels = |k: usize| (contracted[k].x + contracted[k].y + contracted[k].z) * (1.0 / 3.0);
-        let escape = |k: usize| ROOT_FOUR_PI * transfer[self.0[k].offset];
+    /// Variance of the mean of the channels of each texel of a block, from the columns of its transfer, its contracted
+    /// layers, and the columns of its standard errors.
+    #[inline(always)]
+    pub(super) fn variance(
+        &self,
+        transfer: &[Lanes],
+        contracted: &[[Lanes; 4]],
+        tail: &TailRadiance,
+        stderr: &[Lanes],
+    ) -> Lanes {
         let last = self.0.len() - 1;
-        let blocked = 1.0 - escape(0);
-        let continued = (1..=last).map(channels).sum::<f32>() + tail.beyond;
-        let continuation = if blocked > 1e-6 { (continued / blocked).max(0.0) } else { 0.0 };
+        let channels = |k: usize| {
+            let [red, green, blue, _] = &contracted[k];
+            each(|j| (red[j] + green[j] + blue[j]) * (1.0 / 3.0))
+        };
+        let mut continued = [0.0; LANES];
+        for k in 1..=last {
+            let more = channels(k);
+            continued = each(|j| continued[j] + more[j]);
+        }
+        let first = &transfer[self.0[0].offset];
+        let continuation = each(|j| {
+            let blocked = 1.0 - ROOT_FOUR_PI * first[j];
+            let ratio = ((continued[j] + tail.beyond[j]) / blocked).max(0.0);
+            if blocked > 1e-6 { ratio } else { 0.0 }
+        });
         let within_last = channels(last);
-        let tail_gain = if within_last > 0.0 { 1.0 + (tail.beyond / within_last).max(0.0) } else { 1.0 };
-        let mut sum = 0.0;
+        let tail_gain = each(|j| {
+            let gain = 1.0 + (tail.beyond[j] / within_last[j]).max(0.0);
+            if within_last[j] > 0.0 { gain } else { 1.0 }
+        });
+        let mut sum = [0.0; LANES];
         for (k, layer) in self.0.iter().enumerate() {
-            let gain = if k == last { tail_gain } else { 1.0 };
+            let gain = if k == last { tail_gain } else { [1.0; LANES] };
             // K − 1 and K; with one layer there is no tail, and the slopes are 0.
-            let shift = if k + 2 > last { tail.slope * tail.ratio_slopes[k + 1 - last] } else { 0.0 };
-            let traded = continuation - shift;
-            let spread =
-                |mean: f32, square: f32| (square * gain * gain - 2.0 * traded * mean * gain + traded * traded).max(0.0);
-            let anywhere = spread(layer.mean, layer.mean_square);
-            let a = escape(k);
+            let shift = match (k + 2).checked_sub(last + 1) {
+                Some(of) => each(|j| tail.slope[j] * tail.ratio_slopes[of][j]),
+                None => [0.0; LANES],
+            };
             let variance = layer.event_variance(stderr);
-            if a > NO_DIRECTIONS {
-                let there = spread(channels(k) / a, contracted[k].w / a);
-                sum += variance * (there + ELSEWHERE * (anywhere - there));
-                if k == last && k > 0 {
-                    let traded = continuation - tail.slope * tail.ratio_slopes[2];
-                    sum += variance * (tail.survival / a) * traded * traded;
-                }
-            } else {
-                sum += variance * anywhere;
-            }
+            let (escape, mean, square) = (&transfer[layer.offset], channels(k), &contracted[k][3]);
+            let beyond = k == last && k > 0;
+            sum = each(|j| {
+                let traded = continuation[j] - shift[j];
+                let spread = |mean: f32, square: f32| {
+                    (square * gain[j] * gain[j] - 2.0 * traded * mean * gain[j] + traded * traded).max(0.0)
+                };
+                let anywhere = spread(layer.mean, layer.mean_square);
+                let a = ROOT_FOUR_PI * escape[j];
+                let there = spread(mean[j] / a, square[j] / a);
+                let known = variance[j] * (there + ELSEWHERE * (anywhere - there));
+                let unknown = variance[j] * anywhere;
+                let traded = continuation[j] - tail.slope[j] * tail.ratio_slopes[2][j];
+                let survivors = variance[j] * (tail.survival[j] / a) * traded * traded;
+                let known = if beyond { (sum[j] + known) + survivors } else { sum[j] + known };
+                if a > NO_DIRECTIONS { known } else { sum[j] + unknown }
+            });
         }
         sum
     }
 }
 
-/// The tail of a texel as far as its noise is concerned (means of the channels).
-#[derive(Clone, Copy, Default)]
+/// The tails of a block as far as their noise is concerned (means of the channels).
+#[derive(Clone, Copy)]
 pub(super) struct TailRadiance {
     /// Radiance beyond the last layer.
-    pub(super) beyond: f32,
+    pub(super) beyond: Lanes,
     /// Its slope in the ratio of the tail.
-    pub(super) slope: f32,
+    pub(super) slope: Lanes,
     /// Slopes of the ratio in a_{K−1}, a_K and S_{K+1}.
-    pub(super) ratio_slopes: [f32; 3],
+    pub(super) ratio_slopes: [Lanes; 3],
     /// S_{K+1}.
-    pub(super) survival: f32,
+    pub(super) survival: Lanes,
+}
+
+impl TailRadiance {
+    /// No tail.
+    pub(super) const NONE: Self =
+        Self { beyond: [0.0; LANES], slope: [0.0; LANES], ratio_slopes: [[0.0; LANES]; 3], survival: [0.0; LANES] };
 }
 
 impl LayerNoise {
     /// Variance of a_k from events, out of the bands that share it.
-    fn event_variance(&self, stderr: &[f16]) -> f32 {
+    #[inline(always)]
+    fn event_variance(&self, stderr: &[Lanes]) -> Lanes {
         let bands = self.bands.min(POOLED_BANDS);
-        let mut sum = 0.0;
+        let mut sum = [0.0; LANES];
         for (l, s) in stderr[self.error_offset..][..bands].iter().enumerate() {
-            let s = s.to_f32();
-            sum += (2 * l + 1) as f32 * s * s;
+            sum = each(|j| sum[j] + (2 * l + 1) as f32 * s[j] * s[j]);
         }
-        ROOT_FOUR_PI * ROOT_FOUR_PI * sum / (bands * bands) as f32
+        each(|j| ROOT_FOUR_PI * ROOT_FOUR_PI * sum[j] / (bands * bands) as f32)
     }
 }

@@ -5,6 +5,8 @@
 //! fall geometrically, a_{K+j} = a_K r^j, with r = min(a_K/a_{K−1}, S_{K+1}/(S_{K+1}+a_K)). The second
 //! term keeps Σ a ≤ 1.
 
+use super::block::{Lanes, each};
+
 /// The tail of one texel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tail {
@@ -21,12 +23,20 @@ pub struct Tail {
 impl Tail {
     /// From the chances to escape a_0…a_K; one layer alone has no tail.
     pub fn new(escapes: &[f32]) -> Self {
-        let survival = (1.0 - escapes.iter().sum::<f32>()).max(0.0);
-        let [.., before, last] = escapes else {
-            return Self { ratio: 0.0, before: 0.0, last: escapes.first().copied().unwrap_or(0.0), survival };
-        };
-        let (before, last) = (*before, *last);
-        let ratio = if before > 0.0 && last > 0.0 { (last / before).min(survival / (survival + last)) } else { 0.0 };
+        let escaped = escapes.iter().sum::<f32>();
+        match escapes {
+            [.., before, last] => Self::beyond(escaped, *before, *last),
+            // Nothing came before it: no ratio.
+            _ => Self::beyond(escaped, 0.0, escapes.first().copied().unwrap_or(0.0)),
+        }
+    }
+
+    /// From Σ a_k, a_{K−1} and a_K.
+    #[inline(always)]
+    fn beyond(escaped: f32, before: f32, last: f32) -> Self {
+        let survival = (1.0 - escaped).max(0.0);
+        let ratio = (last / before).min(survival / (survival + last));
+        let ratio = if (before > 0.0) & (last > 0.0) { ratio } else { 0.0 };
         Self { ratio, before, last, survival }
     }
 
@@ -42,26 +52,6 @@ impl Tail {
     pub(super) fn gain_slope(&self, albedo: f32) -> f32 {
         let rest = 1.0 - albedo * self.ratio;
         albedo / (rest * rest)
-    }
-
-    /// ∂r/∂a_{K−1}, ∂r/∂a_K and ∂r/∂S_{K+1}, each of the others held; zeros where there is no tail.
-    #[inline]
-    pub(super) fn ratio_slopes(&self) -> [f32; 3] {
-        if self.ratio <= 0.0 {
-            return [0.0; 3];
-        }
-        let all = self.survival + self.last;
-        if self.last * all <= self.survival * self.before {
-            [-self.ratio / self.before, self.ratio / self.last, 0.0]
-        } else {
-            [0.0, -self.survival / (all * all), self.last / (all * all)]
-        }
-    }
-
-    /// S_{K+1}, the chance to survive all stored layers.
-    #[inline(always)]
-    pub(super) fn survival(&self) -> f32 {
-        self.survival
     }
 
     /// Exitant radiance per emitted radiance,
@@ -88,5 +78,52 @@ impl Tail {
         } else {
             (sum + power * decaying, forever)
         }
+    }
+}
+
+/// The tails of a block of texels.
+pub(super) struct Tails {
+    ratio: Lanes,
+    before: Lanes,
+    last: Lanes,
+    /// S_{K+1}, the chance to survive all stored layers.
+    pub(super) survival: Lanes,
+}
+
+impl Tails {
+    /// From Σ a_k, a_{K−1} if there is one, and a_K.
+    #[inline(always)]
+    pub(super) fn new(escaped: &Lanes, before: Option<&Lanes>, last: &Lanes) -> Self {
+        let before = *before.unwrap_or(&[0.0; super::block::LANES]);
+        let (ratio, survival) = (
+            each(|j| Tail::beyond(escaped[j], before[j], last[j]).ratio),
+            each(|j| Tail::beyond(escaped[j], before[j], last[j]).survival),
+        );
+        Self { ratio, before, last: *last, survival }
+    }
+
+    /// The tail of one texel.
+    #[inline(always)]
+    pub(super) fn at(&self, lane: usize) -> Tail {
+        let (ratio, survival) = (self.ratio[lane], self.survival[lane]);
+        Tail { ratio, before: self.before[lane], last: self.last[lane], survival }
+    }
+
+    /// ∂r/∂a_{K−1}, ∂r/∂a_K and ∂r/∂S_{K+1}, each of the others held; zeros where there is no tail.
+    #[inline(always)]
+    pub(super) fn ratio_slopes(&self) -> [Lanes; 3] {
+        let Self { ratio, before, last, survival } = self;
+        let all = each(|j| survival[j] + last[j]);
+        // Quotients first, choices after: so they are made for all lanes at once.
+        let measured = [each(|j| -ratio[j] / before[j]), each(|j| ratio[j] / last[j])];
+        let capped = [each(|j| -survival[j] / (all[j] * all[j])), each(|j| last[j] / (all[j] * all[j]))];
+        let is_measured = |j: usize| last[j] * all[j] <= survival[j] * before[j];
+        let chosen = [
+            each(|j| if is_measured(j) { measured[0][j] } else { 0.0 }),
+            each(|j| if is_measured(j) { measured[1][j] } else { capped[0][j] }),
+            each(|j| if is_measured(j) { 0.0 } else { capped[1][j] }),
+        ];
+        let some = |slope: &Lanes| each(|j| if ratio[j] <= 0.0 { 0.0 } else { slope[j] });
+        [some(&chosen[0]), some(&chosen[1]), some(&chosen[2])]
     }
 }

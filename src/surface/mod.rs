@@ -71,6 +71,15 @@ pub fn extract(volume: &Volume, isovalue: f64) -> Result<Mesh> {
     extract_inner(volume, isovalue, None)
 }
 
+/// As [`extract`], without normals: [`Mesh::normals`] is empty. For counting, measuring, and normals made elsewhere.
+///
+/// # Errors
+/// As [`extract`].
+pub fn extract_without_normals(volume: &Volume, isovalue: f64) -> Result<Mesh> {
+    let surface = level_set(volume, isovalue)?;
+    Ok(Mesh { positions_in_grid: surface.positions, normals: Vec::new(), triangles: surface.triangles })
+}
+
 /// As [`extract`], with normals from `normal_at`: the normal in world axes at a position in grid
 /// space, pointing to the lit side, of any length. Where it is zero or not finite (a vanishing
 /// gradient), the facets around the vertex give the normal.
@@ -92,6 +101,12 @@ fn extract_inner(
     isovalue: f64,
     normal_at: Option<&(dyn Fn([f32; 3]) -> [f32; 3] + Sync)>,
 ) -> Result<Mesh> {
+    let surface = level_set(volume, isovalue)?;
+    let normals = normals::normals(&surface, volume.world_from_grid(), normal_at);
+    Ok(Mesh { positions_in_grid: surface.positions, normals, triangles: surface.triangles })
+}
+
+fn level_set(volume: &Volume, isovalue: f64) -> Result<fill::Surface> {
     if !isovalue.is_finite() {
         let (low, high) = volume.value_range();
         return Err(Error::argument(
@@ -103,9 +118,7 @@ fn extract_inner(
     }
     let (c_raw, solid_sign) = (volume.raw_from_value(isovalue), volume.solid_sign());
     let flip = volume.world_from_grid().is_left_handed();
-    let surface = with_samples!(volume.samples(), s => {
+    with_samples!(volume.samples(), s => {
         fill::level_set(volume.dims(), s, c_raw, solid_sign, flip, MOST_VERTICES)
-    })?;
-    let normals = normals::normals(&surface, volume.world_from_grid(), normal_at);
-    Ok(Mesh { positions_in_grid: surface.positions, normals, triangles: surface.triangles })
+    })
 }

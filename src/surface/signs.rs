@@ -2,6 +2,7 @@
 //! this module takes its signs from here, so the parts cannot disagree.
 
 use crate::volume::{Sample, Volume, with_samples};
+use multiversion::{multiversion, target::match_target};
 use rayon::prelude::*;
 
 /// One bit for each sample, set where it is solid; rows padded to whole words.
@@ -35,23 +36,66 @@ impl Threshold {
         Self { bound, above }
     }
 
+    /// One bit for each sample of a row.
     fn fill_row<S: Sample>(self, row: &[S], words: &mut [u64]) {
-        if self.above { pack(row, words, |r| r > self.bound) } else { pack(row, words, |r| r < self.bound) }
+        fill_row(self, row, words);
+    }
+}
+
+/// Comparisons round nothing: every variant gives the same bits.
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn fill_row<S: Sample>(threshold: Threshold, row: &[S], words: &mut [u64]) {
+    let bound = threshold.bound;
+    let (full, rest) = row.as_chunks::<64>();
+    let (first, last) = words.split_at_mut(full.len());
+    match_target! {
+        "x86_64+avx+avx2" => wide::pack(threshold, full, first),
+        _ => if threshold.above { pack(full, first, |r| r > bound) } else { pack(full, first, |r| r < bound) },
+    }
+    for word in last {
+        let is_solid = |s: &S| if threshold.above { s.raw() > bound } else { s.raw() < bound };
+        *word = rest.iter().enumerate().fold(0, |word, (i, s)| word | u64::from(is_solid(s)) << i);
     }
 }
 
 #[inline(always)]
-fn pack<S: Sample>(row: &[S], words: &mut [u64], is_solid: impl Fn(f32) -> bool) {
-    for (word, samples) in words.iter_mut().zip(row.chunks(64)) {
+fn pack<S: Sample>(row: &[[S; 64]], words: &mut [u64], is_solid: impl Fn(f32) -> bool) {
+    for (word, samples) in words.iter_mut().zip(row) {
         *word = 0;
-        let (eights, rest) = samples.as_chunks::<8>();
-        for (i, eight) in eights.iter().enumerate() {
+        for (i, eight) in samples.as_chunks::<8>().0.iter().enumerate() {
             let flags = u64::from_le_bytes(eight.map(|s| u8::from(is_solid(s.raw()))));
             // Gathers the lowest bit of each byte in the highest byte, first sample lowest.
             *word |= (flags.wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * i);
         }
-        for (i, s) in rest.iter().enumerate() {
-            *word |= u64::from(is_solid(s.raw())) << (8 * eights.len() + i);
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod wide {
+    use super::Threshold;
+    use crate::volume::Sample;
+    use std::arch::x86_64::{__m256, _CMP_GT_OQ, _CMP_LT_OQ, _mm256_cmp_ps, _mm256_movemask_ps, _mm256_set1_ps};
+
+    /// As [`super::pack`], eight comparisons at a time.
+    #[target_feature(enable = "avx,avx2")]
+    #[inline]
+    pub(super) fn pack<S: Sample>(threshold: Threshold, row: &[[S; 64]], words: &mut [u64]) {
+        let bound = _mm256_set1_ps(threshold.bound);
+        for (word, samples) in words.iter_mut().zip(row) {
+            *word = 0;
+            for i in 0..8 {
+                let mut eight = [0.0f32; 8];
+                for k in 0..8 {
+                    eight[k] = samples[8 * i + k].raw();
+                }
+                let eight: __m256 = bytemuck::cast(eight);
+                let solid = if threshold.above {
+                    _mm256_cmp_ps::<_CMP_GT_OQ>(eight, bound)
+                } else {
+                    _mm256_cmp_ps::<_CMP_LT_OQ>(eight, bound)
+                };
+                *word |= u64::from(_mm256_movemask_ps(solid) as u32) << (8 * i);
+            }
         }
     }
 }
@@ -269,6 +313,14 @@ mod tests {
             let expected: Vec<usize> = (0..n - 1).filter(|&i| (row[i] > 2) != (row[i + 1] > 2)).collect();
             assert_eq!(crossings, expected);
             assert_eq!(signs.count_crossings(0, 0, 0), expected.len() as u64);
+            // Solid below, and numbers that are none.
+            let row: Vec<f32> = row.iter().map(|&v| if v == 1 { f32::NAN } else { f32::from(v) }).collect();
+            for (solid_sign, is_solid) in [(1.0, (|v| v > 2.5) as fn(f32) -> bool), (-1.0, |v| v < 2.5)] {
+                let signs = Signs::new([n, 1, 1], &row, 2.5, solid_sign);
+                for (i, &v) in row.iter().enumerate() {
+                    assert_eq!(signs.row(0, 0)[i / 64] >> (i % 64) & 1 == 1, is_solid(v), "{n} {i} {solid_sign}");
+                }
+            }
         }
     }
 }

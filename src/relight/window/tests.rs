@@ -1,4 +1,5 @@
 use super::super::contract::Weights;
+use super::super::twin;
 use super::super::{Material, contract};
 use super::*;
 use crate::probe::{LatLong, project};
@@ -154,8 +155,9 @@ fn relit_texels_of_four_rays_are_non_negative_in_single_precision() {
             let first =
                 Coefficients::new(bands, prepared.light.coefficients(0).iter().map(|v| v[0]).collect()).unwrap();
             let dark = darkest(&first).as_vec3().normalize();
+            let stderr = vec![f16::ZERO; layers.errors()];
             for texel in 0..300 {
-                let rgb = weights.texel(&transfer(&layers, texel, dark), &layers).rgb;
+                let rgb = twin::texel(&weights, &transfer(&layers, texel, dark), &stderr, &layers).rgb;
                 assert!(rgb.min_element() >= 0.0 && rgb.is_finite(), "{name}, {bands} bands: {rgb}");
                 let mean = (first.mean() * 0.7) as f32;
                 touched += u32::from(rgb.x > 0.0 && rgb.x < 0.01 * mean);
