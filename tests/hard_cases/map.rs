@@ -37,7 +37,7 @@ const ROWS: &[Row] = &[
         &[
             "tests/hard_cases::what_is_no_volume_is_refused_by_name",
             "tests/hard_cases::readers_say_what_they_replaced",
-            "src/volume/assemble::non_finite_samples_go_to_the_lit_side",
+            "src/volume/assemble/tests::non_finite_samples_go_to_the_lit_side",
         ],
     ),
     (
@@ -92,7 +92,7 @@ const ROWS: &[Row] = &[
         &[
             "src/level/tests/shapes::scaling_by_powers_of_two_changes_no_bit_and_flipping_the_side_neither",
             "src/level/tests/cubics::subnormal_and_huge_coefficients_keep_their_roots",
-            "src/volume/assemble::extreme_ranges_are_rescaled_by_an_exact_power_of_two",
+            "src/volume/assemble/tests::extreme_ranges_are_rescaled_by_an_exact_power_of_two",
         ],
     ),
     (
