@@ -3,6 +3,7 @@
 use super::cone::{Ahead, Cone};
 use crate::volume::{Sample, Volume, with_samples};
 use glam::Vec3;
+use std::sync::OnceLock;
 
 /// Cells along the side of a block, as a power of two: 4.
 ///
@@ -16,7 +17,8 @@ pub const BLOCK_SHIFT: u32 = 2;
 #[derive(Clone, Debug)]
 pub struct Pyramid {
     blocks: Level,
-    ahead: Ahead,
+    // Made when the first ray is traced: most of the cost, and relighting traces none.
+    ahead: OnceLock<Ahead>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -44,8 +46,7 @@ impl Pyramid {
     pub fn new(volume: &Volume) -> Self {
         let sign = volume.solid_sign();
         let blocks = with_samples!(volume.samples(), s => Self::scan(s, volume.dims(), sign));
-        let ahead = Ahead::new(&blocks);
-        Self { blocks, ahead }
+        Self { blocks, ahead: OnceLock::new() }
     }
 
     fn scan<T: Sample>(samples: &[T], dims: [usize; 3], sign: f32) -> Level {
@@ -98,16 +99,10 @@ impl Pyramid {
         Cone::of(octant, slope)
     }
 
-    /// What [`Self::nothing_ahead`] takes for an isovalue times the sign of the solid side.
+    /// What lies ahead of rays.
     #[inline(always)]
-    pub(super) fn rank(&self, signed: f32) -> f32 {
-        self.ahead.rank(signed)
-    }
-
-    /// Whether a ray of this cone escapes once it is in this block.
-    #[inline(always)]
-    pub(super) fn nothing_ahead(&self, block: usize, cone: Cone, rank: f32) -> bool {
-        self.ahead.nothing(block, cone, rank)
+    pub(super) fn ahead(&self) -> &Ahead {
+        self.ahead.get_or_init(|| Ahead::new(&self.blocks))
     }
 
     /// Smallest and largest s·raw of the block that holds a cell.

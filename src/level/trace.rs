@@ -117,7 +117,8 @@ impl<T: Sample> LevelField<'_, T> {
         let first_block = blocks.index(start.at.cell.to_array().map(|c| (c >> BLOCK_SHIFT) as usize));
         let block_stride = blocks.strides(octant);
         let bin = self.pyramid.cone(octant, march.slope());
-        let level = self.pyramid.rank(signed);
+        let ahead = self.pyramid.ahead();
+        let level = ahead.rank(signed);
         let mut sample = first_sample;
         let mut block = first_block;
         let mut side = if start.on_surface { Side::Start } else { Side::Unknown };
@@ -168,7 +169,7 @@ impl<T: Sample> LevelField<'_, T> {
             let mut skipped = false;
             loop {
                 counts.nodes += 1;
-                if self.pyramid.nothing_ahead(block, bin, level) {
+                if ahead.nothing(block, bin, level) {
                     return Outcome::Escaped;
                 }
                 if blocks.max[block] > signed {
