@@ -14,7 +14,7 @@ use isolume::relight::{
 use isolume::sampling::statistics::{Running, normal_two_sided, rms, sidak};
 use isolume::scene::geometry::{Among, Finish, Geometry, Luminaire, LuminaireShape, Partner, Shape, Wall};
 use isolume::scene::{Coupled, Coupling};
-use isolume::transfer::{BRICK, BrickSource, CHUNK, Lattice, Layers, Layout, MemoryTexture, Selection, validity};
+use isolume::transfer::{BRICK, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, validity};
 use isolume::transport::{
     Progress, SceneBake, SceneCounts, SceneReference, SceneSettings, bake_scene, scene_radiance, trace_photons,
 };
@@ -71,14 +71,7 @@ fn baked(volume: &Volume, geometry: &Geometry, isovalues: &[f64], rays: u32, lay
     let [cx, cy, cz] = layout.lattice.chunks();
     let chunks: Vec<[usize; 3]> = (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]).collect();
     let summary = bake_scene(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
-        const SIDE: usize = CHUNK / BRICK;
-        for (texture, bricks) in textures.iter_mut().zip(groups) {
-            for (i, brick) in bricks.into_iter().enumerate().filter_map(|(i, b)| Some((i, b?))) {
-                let inside = [i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE];
-                texture.insert(std::array::from_fn(|a| chunk[a] * SIDE + inside[a]), brick)?;
-            }
-        }
-        Ok(())
+        textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
     })
     .expect("a bake");
     let (exponents, counts) = (request.exponents(), summary.counts);

@@ -6,7 +6,7 @@ use isolume::level::Pyramid;
 use isolume::relight::{Contracted, Light, LookupReport, LuminaireLight, Material, contract_scene};
 use isolume::sampling::statistics::{Running, normal_two_sided, sidak};
 use isolume::scene::geometry::{Finish, Geometry, Luminaire, LuminaireShape, Shape, Wall};
-use isolume::transfer::{BRICK, BrickSource, CHUNK, Lattice, Layers, Layout, MemoryTexture, Selection};
+use isolume::transfer::{BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection};
 use isolume::transport::{
     Progress, SceneBake, SceneReference, SceneSettings, SceneSummary, bake_scene, scene_radiance, trace_photons,
 };
@@ -66,14 +66,7 @@ fn baked(volume: Volume, geometry: Geometry, isovalue: Option<f64>, rays: u32, l
     let chunks: Vec<[usize; 3]> = (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]).collect();
     let exponents = request.exponents();
     let summary = bake_scene(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
-        const SIDE: usize = CHUNK / BRICK;
-        for (texture, bricks) in textures.iter_mut().zip(groups) {
-            for (i, brick) in bricks.into_iter().enumerate().filter_map(|(i, b)| Some((i, b?))) {
-                let inside = [i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE];
-                texture.insert(std::array::from_fn(|a| chunk[a] * SIDE + inside[a]), brick)?;
-            }
-        }
-        Ok(())
+        textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
     })
     .expect("a bake");
     Baked { volume, geometry, textures, exponents, selection, summary }

@@ -14,7 +14,7 @@ use isolume::relight::{Contracted, Exposure, Light, LookupReport, LuminaireLight
 use isolume::render::{Camera, Projection, View};
 use isolume::scene::Scene;
 use isolume::scene::geometry::Geometry;
-use isolume::transfer::{BRICK, CHUNK, Lattice, Layers, Layout, MemoryTexture, Selection};
+use isolume::transfer::{Lattice, Layers, Layout, MemoryTexture, Selection};
 use isolume::transport::{Progress, SceneBake, SceneReference, SceneSettings, bake_scene, scene_radiance};
 use isolume::volume::{Samples, Volume, field};
 use std::path::Path;
@@ -191,14 +191,7 @@ fn bake(volume: &Volume, pyramid: &Pyramid, geometry: &Geometry, rays: u32) -> i
     let [cx, cy, cz] = lattice.chunks();
     let chunks: Vec<[usize; 3]> = (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]).collect();
     bake_scene(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
-        const SIDE: usize = CHUNK / BRICK;
-        for (texture, bricks) in textures.iter_mut().zip(groups) {
-            for (i, brick) in bricks.into_iter().enumerate().filter_map(|(i, b)| Some((i, b?))) {
-                let inside = [i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE];
-                texture.insert(std::array::from_fn(|a| chunk[a] * SIDE + inside[a]), brick)?;
-            }
-        }
-        Ok(())
+        textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
     })?;
     Ok(Baked { exponents: request.exponents(), textures, lattice })
 }

@@ -58,6 +58,9 @@ impl Export {
             None => store,
         };
         let volume = store.volume()?;
+        if let (None, [first, .., _]) = (&self.volume, store.volumes()?.as_slice()) {
+            console.note(format!("{first}, the first volume of the store: --volume NAME takes another"));
+        }
         let layout = store.layout();
         let MaterialRule::Constant(albedo) = self.material.rule(volume.value_range())? else {
             let expected = "one albedo for all isosurfaces";

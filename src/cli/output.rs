@@ -117,6 +117,15 @@ pub(super) fn check_file(path: &Path) -> Result<()> {
     check_folder(path)
 }
 
+/// The folder of a result of several files: `given`, or one in the working directory. Refused before the minutes that the result
+/// takes if `file` cannot be written there.
+pub(super) fn result_folder(given: Option<&Path>, otherwise: String, file: &str) -> Result<PathBuf> {
+    let folder = given.map_or_else(|| PathBuf::from(otherwise), Path::to_path_buf);
+    let inside = if folder.is_dir() { folder.join(file) } else { folder.clone() };
+    check_folder(&inside)?;
+    Ok(folder)
+}
+
 /// Refuses a path whose directory is not there or does not take new files.
 pub(super) fn check_folder(path: &Path) -> Result<()> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));

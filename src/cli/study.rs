@@ -136,10 +136,7 @@ impl Study {
         for note in &volume.notes {
             console.note(&note.text);
         }
-        let folder = self.output.clone().unwrap_or_else(|| PathBuf::from(format!("{}-study", volume.name)));
-        // Refused before the minutes that a study takes.
-        let inside = if folder.is_dir() { folder.join("study.csv") } else { folder.clone() };
-        output::check_folder(&inside)?;
+        let folder = output::result_folder(self.output.as_deref(), format!("{}-study", volume.name), "study.csv")?;
         volume.check_cells()?;
         let chosen = self.isovalue.resolve(volume, opened.default_isovalue)?;
         let probe = open_probe(&self.env, false, None)?;

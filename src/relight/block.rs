@@ -71,8 +71,6 @@ pub(super) mod wide {
 
     /// Numbers in a register.
     const EIGHT: usize = 8;
-    /// Numbers in a line of the cache.
-    const LINE: usize = 32;
 
     /// As [`super::columns`].
     #[target_feature(enable = "avx,avx2,f16c")]
@@ -82,14 +80,6 @@ pub(super) mod wide {
             return super::columns(stored, n, texels, out);
         }
         let stored: &[u16] = bytemuck::cast_slice(stored);
-        // The lines in their order first: the processor then fetches the next ones ahead.
-        let mut touched = 0;
-        for &t in texels {
-            for line in stored[n * t..n * (t + 1)].chunks(LINE) {
-                touched |= line[0];
-            }
-        }
-        std::hint::black_box(touched);
         let mut first = 0;
         while first < n {
             // At the end some columns are made once more: the same bits.

@@ -104,9 +104,8 @@ impl PlacementsArgs {
         for note in &volume.notes {
             console.note(&note.text);
         }
-        let folder = self.output.clone().unwrap_or_else(|| PathBuf::from(format!("{}-placements", volume.name)));
-        let inside = if folder.is_dir() { folder.join("placements.csv") } else { folder.clone() };
-        output::check_folder(&inside)?;
+        let otherwise = format!("{}-placements", volume.name);
+        let folder = output::result_folder(self.output.as_deref(), otherwise, "placements.csv")?;
         volume.check_cells()?;
         let most = self.samples.iter().copied().max().unwrap_or(0);
         // Position, site, radiance and node of a sample.
