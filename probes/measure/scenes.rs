@@ -36,6 +36,7 @@ fn main() -> isolume::Result<()> {
 }
 
 fn boxes(folder: &Path, size: usize, paths: u32) -> isolume::Result<()> {
+    std::fs::create_dir_all(folder).map_err(|e| isolume::Error::io(folder, "make the folder", e))?;
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/scenes/box.toml");
     let text = std::fs::read_to_string(file).expect("the example");
     let scene = Scene::parse(&text, "box.toml")?;
