@@ -10,6 +10,7 @@
 //! techniques for iso-surface ray tracing", who split at the same extrema but in the power
 //! basis about the ray origin, which loses the root to cancellation in f32.
 
+use super::root::{Bracket, evaluate};
 use glam::{Vec3, Vec4};
 
 /// Bernstein coefficients of a cubic on [0, 1].
@@ -65,15 +66,6 @@ pub fn right_part(b: Cubic, t: f32) -> Cubic {
     [mix(b012, b123), b123, b23, b[3]]
 }
 
-/// Value and derivative at t.
-#[inline(always)]
-fn evaluate(b: &Cubic, t: f32) -> (f32, f32) {
-    let mix = |x: f32, y: f32| x + (y - x) * t;
-    let (b01, b12, b23) = (mix(b[0], b[1]), mix(b[1], b[2]), mix(b[2], b[3]));
-    let (b012, b123) = (mix(b01, b12), mix(b12, b23));
-    (mix(b012, b123), 3.0 * (b123 - b012))
-}
-
 /// Scales by a power of two so that the largest coefficient is near 1: products of coefficients
 /// then neither overflow nor vanish, and the result does not depend on the scale of the field.
 #[inline]
@@ -90,37 +82,40 @@ fn normalised(b: &Cubic) -> Cubic {
     b.map(|v| v * a * c)
 }
 
-/// The first t in [0, 1] where the cubic changes from ≤ 0 to > 0, given that it starts at ≤ 0.
-/// A start above 0 gives t = 0.
+/// Where the cubic changes from ≤ 0 to > 0 for the first time on [0, 1], given that it starts at ≤ 0: a
+/// bracket that holds this crossing and no other. A start above 0 gives an empty bracket at 0.
 ///
 /// Guarantee: if the polynomial with these coefficients is > 0 anywhere on [0, 1] by more than
-/// rounding (about 4 ulp of its largest coefficient), a crossing is found, and it is the first; the
-/// bracket shrinks below 2⁻²² of the segment. Worst case 24 bisections and as many Newton steps
-/// after at most 2 splits.
-#[inline]
-pub fn first_rise(b: &Cubic) -> Option<f32> {
+/// rounding (about 4 ulp of its largest coefficient), a crossing is found, and it is the first.
+/// After at most 2 splits.
+#[inline(always)]
+pub fn first_rise(b: &Cubic) -> Option<Bracket> {
     if b[0] > 0.0 {
-        return Some(0.0);
+        return Some(Bracket { cubic: *b, low: 0.0, high: 0.0 });
     }
     if b[1] <= 0.0 && b[2] <= 0.0 && b[3] <= 0.0 {
         return None;
     }
-    let b = normalised(b);
+    rise_within(normalised(b))
+}
+
+/// [`first_rise`] of a cubic that starts at ≤ 0 and has a coefficient above 0.
+fn rise_within(b: Cubic) -> Option<Bracket> {
     // One sign change, up at the end: exactly one root (Descartes in the Bernstein basis).
     let single = b[3] > 0.0 && (b[1] <= 0.0 || b[2] > 0.0);
     if single {
-        return Some(root_in(&b, 0.0, 1.0));
+        return Some(Bracket { cubic: b, low: 0.0, high: 1.0 });
     }
-    let mut from = 0.0;
+    let mut low = 0.0;
     for t in stationary_points(&b) {
-        if t > from && t < 1.0 {
+        if t > low && t < 1.0 {
             if evaluate(&b, t).0 > 0.0 {
-                return Some(root_in(&b, from, t));
+                return Some(Bracket { cubic: b, low, high: t });
             }
-            from = t;
+            low = t;
         }
     }
-    (b[3] > 0.0).then(|| root_in(&b, from, 1.0))
+    (b[3] > 0.0).then_some(Bracket { cubic: b, low, high: 1.0 })
 }
 
 /// Roots of the derivative, ascending; entries outside (0, 1) are meaningless.
@@ -137,43 +132,4 @@ fn stationary_points(b: &Cubic) -> [f32; 2] {
     let q = -(h + if h < 0.0 { -discriminant.sqrt() } else { discriminant.sqrt() });
     let (r, s) = (if a != 0.0 { q / a } else { -1.0 }, if q != 0.0 { d0 / q } else { -1.0 });
     if r < s { [r, s] } else { [s, r] }
-}
-
-/// The root in a bracket with f(low) ≤ 0 < f(high) holding exactly one: Newton, safeguarded by
-/// bisection (Press et al. 2007, Numerical Recipes, section 9.4).
-fn root_in(b: &Cubic, mut low: f32, mut high: f32) -> f32 {
-    // Of the segment. A Newton step of LAST_STEP leaves its square behind, or at a nearly double root its own length.
-    const TOLERANCE: f32 = 1.0 / 4_194_304.0;
-    const LAST_STEP: f32 = 1.0 / 16_384.0;
-    // Most brackets hold a nearly straight piece: begin where the chord crosses 0, but clear of the ends, where
-    // rounding may show the wrong sign.
-    let (at_low, at_high) = (if low == 0.0 { b[0] } else { evaluate(b, low).0 }, evaluate(b, high).0);
-    let chord = at_low / (at_low - at_high);
-    let mut t = low + (high - low) * if chord.is_finite() { chord.clamp(0.1, 0.9) } else { 0.5 };
-    let mut last_width = high - low;
-    for _ in 0..48 {
-        let (f, slope) = evaluate(b, t);
-        if f > 0.0 {
-            high = t;
-        } else {
-            low = t;
-        }
-        if high - low <= TOLERANCE {
-            break;
-        }
-        let newton = t - f / slope;
-        let width = (newton - t).abs();
-        // NaN or a step out of the bracket, or too slow: bisect, after which Newton may be fast again.
-        if newton > low && newton < high && width < 0.5 * last_width {
-            if width <= LAST_STEP {
-                return newton;
-            }
-            t = newton;
-            last_width = width;
-        } else {
-            last_width = 0.5 * (high - low);
-            t = low + last_width;
-        }
-    }
-    t
 }

@@ -23,6 +23,7 @@ mod gradient;
 mod horizon;
 mod march;
 mod pyramid;
+mod root;
 mod texel;
 pub mod trace;
 
@@ -31,12 +32,13 @@ mod tests;
 
 pub use horizon::{Horizon, MOST_BLOCKS, SLOPE};
 pub use pyramid::{BLOCK_SHIFT, Pyramid};
+pub use root::Bracket;
 pub use texel::Site;
-pub use trace::{Counts, Hit, Outcome, Start};
+pub use trace::{Counts, Crossing, Hit, Outcome, Start};
 
 use crate::geom::Normal;
 use crate::volume::{Sample, Volume};
-use glam::{IVec3, Mat3, Vec3};
+use glam::{IVec3, Mat3, Vec3, Vec4};
 
 /// A point of the grid as a cell and a position inside it.
 ///
@@ -142,20 +144,20 @@ impl<'v, T: Sample> LevelField<'v, T> {
     /// Raw samples at the eight corners of the cell whose first sample has this index: x = 0 face
     /// first, in the order of `rows`.
     #[inline(always)]
-    fn corners_at(&self, first: usize) -> ([f32; 4], [f32; 4]) {
+    fn corners_at(&self, first: usize) -> (Vec4, Vec4) {
         // Written out: `array::map` is a call here, and this is the innermost loop.
         let pair = |r: usize| {
             let pair = &self.samples[first + r..first + r + 2];
-            [pair[0].raw(), pair[1].raw()]
+            [pair[0], pair[1]]
         };
-        let [a, b, c, d] = [pair(self.rows[0]), pair(self.rows[1]), pair(self.rows[2]), pair(self.rows[3])];
-        ([a[0], b[0], c[0], d[0]], [a[1], b[1], c[1], d[1]])
+        T::turned([pair(self.rows[0]), pair(self.rows[1]), pair(self.rows[2]), pair(self.rows[3])])
     }
 
     /// Raw samples at the eight corners of a cell.
     #[inline(always)]
     fn corners(&self, cell: IVec3) -> ([f32; 4], [f32; 4]) {
-        self.corners_at(self.sample_index(&cell.to_array()))
+        let (low, high) = self.corners_at(self.sample_index(&cell.to_array()));
+        (low.to_array(), high.to_array())
     }
 
     /// Trilinear raw value at a point.

@@ -19,7 +19,7 @@
 use super::REPLICATES;
 use super::combine::combine;
 use crate::geom::{Frame, Normal};
-use crate::level::{Counts, LevelField, Outcome, Site, Start};
+use crate::level::{Counts, Crossing, Hit, LevelField, Outcome, Site, Start};
 use crate::sampling::{PathSampler, warp};
 use crate::sh;
 use crate::transfer::{Layers, MAX_LAYERS};
@@ -133,15 +133,25 @@ pub struct TexelEstimate {
     pub target_stderr: f32,
 }
 
+/// Rays that are marched before the places of their hits are computed together, so that what is remembered of them
+/// stays in the cache.
+const BLOCK: usize = 64;
+
 /// Buffers reused from texel to texel.
 #[derive(Default)]
 pub(super) struct Scratch {
+    // The paths that are left, replicate after replicate, and how many of each.
     alive: Vec<Alive>,
+    living: [usize; REPLICATES],
     // Points of the square and directions about the normal, for the paths of one bounce.
     points: Vec<[f32; 2]>,
     locals: Vec<Vec3>,
-    pub(super) escaped: Vec<Vec3>,
-    pub(super) blocked: Vec<Vec3>,
+    // Crossings of a block of rays, of which path and replicate, and where they are.
+    crossings: Vec<Crossing>,
+    crossed: Vec<(usize, usize)>,
+    hits: Vec<Hit>,
+    pub(super) escaped: [Vec<Vec3>; REPLICATES],
+    pub(super) blocked: [Vec<Vec3>; REPLICATES],
     // Σ Y over the paths of a replicate, [replicate][coefficient].
     pub(super) sums: Vec<f32>,
     // Σ Y over the first directions that were blocked, [replicate][coefficient of layer 0].
@@ -154,13 +164,50 @@ pub(super) struct Scratch {
 
 impl Scratch {
     /// Sets the sums to zero.
-    fn clear(&mut self, settings: &Settings) {
+    pub(super) fn clear(&mut self, settings: &Settings) {
         let layers = &settings.layers;
         self.sums.clear();
         self.sums.resize(REPLICATES * layers.coefficients(), 0.0);
         self.blocked_sums.clear();
         self.blocked_sums.resize(REPLICATES * layers.bands()[0] * layers.bands()[0], 0.0);
         self.taken = Default::default();
+    }
+
+    /// Draws directions about the normal for the living paths at bounce `k`.
+    fn aim(&mut self, k: usize, samplers: &[PathSampler; REPLICATES]) {
+        self.points.clear();
+        let mut start = 0;
+        for (replicate, sampler) in samplers.iter().enumerate() {
+            let sequence = sampler.sequence(k as u32);
+            let alive = &mut self.alive[start..start + self.living[replicate]];
+            if k.is_multiple_of(2) {
+                let first = self.taken[replicate].first_of(k, alive.len());
+                self.points.resize(start + alive.len(), [0.0; 2]);
+                sequence.fill(first, &mut self.points[start..]);
+                for (alive, point) in alive.iter_mut().zip(first..) {
+                    alive.point = point;
+                }
+            } else {
+                self.points.extend(alive.iter().map(|alive| sequence.point(alive.point)));
+            }
+            start += self.living[replicate];
+        }
+        self.locals.clear();
+        warp::squares_to_cosine_hemisphere(&self.points, &mut self.locals);
+    }
+
+    /// Adds the directions in which the rays of bounce `k` escaped to the sums, and the first ones that were blocked.
+    pub(super) fn add_escaped(&mut self, k: usize, settings: &Settings) {
+        let layers = &settings.layers;
+        let (coefficients, direct) = (layers.coefficients(), layers.bands()[0] * layers.bands()[0]);
+        for replicate in 0..REPLICATES {
+            let sums = &mut self.sums[replicate * coefficients..][..coefficients];
+            sh::basis::accumulate(layers.bands()[k], &self.escaped[replicate], &mut sums[layers.offset(k)..]);
+            if k == 0 && !settings.positive {
+                let sums = &mut self.blocked_sums[replicate * direct..][..direct];
+                sh::basis::accumulate(layers.bands()[0], &self.blocked[replicate], sums);
+            }
+        }
     }
 }
 
@@ -276,6 +323,9 @@ impl std::ops::AddAssign for Tally {
 }
 
 /// Traces the paths `first..last` of every replicate, and adds them to the sums.
+///
+/// Bounce by bounce, the paths of all replicates in a row: first all rays are marched, then the places of their hits
+/// computed together, then the normals there.
 fn extend<T: Sample>(
     field: &LevelField<'_, T>,
     site: &Site,
@@ -286,88 +336,97 @@ fn extend<T: Sample>(
     scratch: &mut Scratch,
     counts: &mut Counts,
 ) -> Tally {
-    let mut tally = Tally::default();
-    for replicate in 0..REPLICATES {
-        let sampler = PathSampler::new(settings.seed, item, replicate as u32);
-        trace_replicate(field, site, &sampler, replicate, first, last, settings, scratch, counts, &mut tally);
-    }
-    tally
-}
-
-/// Traces the paths `first..last` of one replicate.
-fn trace_replicate<T: Sample>(
-    field: &LevelField<'_, T>,
-    site: &Site,
-    sampler: &PathSampler,
-    replicate: usize,
-    first: usize,
-    last: usize,
-    settings: &Settings,
-    scratch: &mut Scratch,
-    counts: &mut Counts,
-    tally: &mut Tally,
-) {
     let layers = &settings.layers;
-    let coefficients = layers.coefficients();
+    let mut tally = Tally::default();
+    let samplers: [PathSampler; REPLICATES] =
+        std::array::from_fn(|replicate| PathSampler::new(settings.seed, item, replicate as u32));
     scratch.alive.clear();
-    let at_texel = Alive { point: 0, start: site.start, normal: site.normal };
-    scratch.alive.resize(last - first, at_texel);
-    let frame = Frame::around(site.normal);
+    scratch.alive.resize(REPLICATES * (last - first), Alive { point: 0, start: site.start, normal: site.normal });
+    scratch.living = [last - first; REPLICATES];
     for k in 0..layers.len() {
-        let sequence = sampler.sequence(k as u32);
-        scratch.escaped.clear();
-        scratch.blocked.clear();
-        scratch.points.clear();
-        if k.is_multiple_of(2) {
-            let first = scratch.taken[replicate].first_of(k, scratch.alive.len());
-            scratch.points.resize(scratch.alive.len(), [0.0; 2]);
-            sequence.fill(first, &mut scratch.points);
-            for (alive, point) in scratch.alive.iter_mut().zip(first..) {
-                alive.point = point;
-            }
-        } else {
-            scratch.points.extend(scratch.alive.iter().map(|alive| sequence.point(alive.point)));
-        }
-        scratch.locals.clear();
-        warp::squares_to_cosine_hemisphere(&scratch.points, &mut scratch.locals);
-        let mut kept = 0;
-        for i in 0..scratch.alive.len() {
-            let alive = scratch.alive[i];
-            let local = scratch.locals[i];
-            let frame = if k == 0 { frame } else { Frame::around(alive.normal) };
-            let direction = frame.from_local(local);
-            let in_grid = field.direction_in_grid(direction);
-            let outcome = field.trace(site.isovalue, &alive.start, in_grid, counts);
-            if outcome == Outcome::Escaped {
-                scratch.escaped.push(direction);
-                continue;
-            }
-            if k == 0 {
-                scratch.blocked.push(direction);
-            }
-            let next = continuation(field, &alive, outcome);
-            tally.lost += u32::from(outcome == Outcome::Lost || next.is_none());
-            if let Some(next) = next {
-                scratch.alive[kept] = next;
-                kept += 1;
-            }
-        }
-        scratch.alive.truncate(kept);
-        let sums = &mut scratch.sums[replicate * coefficients..][..coefficients];
-        sh::basis::accumulate(layers.bands()[k], &scratch.escaped, &mut sums[layers.offset(k)..]);
+        scratch.aim(k, &samplers);
+        march(field, site, k, scratch, counts, &mut tally);
+        scratch.add_escaped(k, settings);
         if k == 0 {
-            tally.visible[replicate] += scratch.escaped.len() as u32;
-            if !settings.positive {
-                let direct = layers.bands()[0] * layers.bands()[0];
-                let sums = &mut scratch.blocked_sums[replicate * direct..][..direct];
-                sh::basis::accumulate(layers.bands()[0], &scratch.blocked, sums);
+            for (visible, escaped) in tally.visible.iter_mut().zip(&scratch.escaped) {
+                *visible += escaped.len() as u32;
             }
         }
-        if kept == 0 {
+        if scratch.alive.is_empty() {
             break;
         }
     }
     tally.trapped += scratch.alive.len() as u32;
+    tally
+}
+
+/// Follows one ray of every living path, sorts out those that escape, and takes the others to where they hit.
+fn march<T: Sample>(
+    field: &LevelField<'_, T>,
+    site: &Site,
+    k: usize,
+    scratch: &mut Scratch,
+    counts: &mut Counts,
+    tally: &mut Tally,
+) {
+    let Scratch { alive, living, locals, escaped, blocked, crossings, crossed, hits, .. } = scratch;
+    escaped.iter_mut().for_each(Vec::clear);
+    blocked.iter_mut().for_each(Vec::clear);
+    let frame_at_texel = Frame::around(site.normal);
+    let (mut replicate, mut end, mut kept) = (0, living[0], 0);
+    let mut survivors = [0; REPLICATES];
+    for block in (0..alive.len()).step_by(BLOCK) {
+        crossings.clear();
+        crossed.clear();
+        let arriving = kept;
+        for i in block..(block + BLOCK).min(alive.len()) {
+            while i == end {
+                replicate += 1;
+                end += living[replicate];
+            }
+            let path = alive[i];
+            let frame = if k == 0 { frame_at_texel } else { Frame::around(path.normal) };
+            let direction = frame.from_local(locals[i]);
+            let in_grid = field.direction_in_grid(direction);
+            match field.first_crossing(site.isovalue, &path.start, in_grid, counts) {
+                Outcome::Escaped => {
+                    escaped[replicate].push(direction);
+                    continue;
+                }
+                Outcome::Hit(crossing) => {
+                    crossings.push(crossing);
+                    crossed.push((kept, replicate));
+                }
+                Outcome::Lost => tally.lost += 1,
+            }
+            if k == 0 {
+                blocked[replicate].push(direction);
+            }
+            alive[kept] = path;
+            survivors[replicate] += 1;
+            kept += 1;
+        }
+        hits.clear();
+        Crossing::hits(crossings, hits);
+        let mut arrived = arriving;
+        let mut hits = crossed.iter().zip(&*hits).peekable();
+        for slot in arriving..kept {
+            let mut path = alive[slot];
+            if let Some((&(_, replicate), &hit)) = hits.next_if(|((crossed, _), _)| *crossed == slot) {
+                let Some(normal) = field.normal(&hit.at) else {
+                    tally.lost += 1;
+                    survivors[replicate] -= 1;
+                    continue;
+                };
+                path = Alive { start: Start::on(hit.at), normal, ..path };
+            }
+            alive[arrived] = path;
+            arrived += 1;
+        }
+        kept = arrived;
+    }
+    alive.truncate(kept);
+    *living = survivors;
 }
 
 /// Where a path goes on after a ray that did not escape; `None` where the surface has no normal.

@@ -26,7 +26,7 @@ pub use read::{ReadHint, read};
 
 use crate::error::{Error, Result};
 use crate::geom::{Affine, Bounds, Up};
-use glam::DVec3;
+use glam::{DVec3, Vec4};
 
 /// Which side of the level set is matter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -71,15 +71,45 @@ pub(crate) use with_samples;
 pub trait Sample: Copy + Send + Sync + 'static {
     /// The sample as a number; exact for every type held.
     fn raw(self) -> f32;
+
+    /// The first samples and the second ones of four pairs, as numbers. Each pair is read as one word.
+    fn turned(pairs: [[Self; 2]; 4]) -> (Vec4, Vec4);
 }
 
 macro_rules! sample {
-    ($($t:ty),*) => {$(impl Sample for $t {
+    ($($t:ty, $bits:ty, $word:ty);*) => {$(impl Sample for $t {
         #[inline(always)]
-        fn raw(self) -> f32 { self as f32 }
+        fn raw(self) -> f32 {
+            self as f32
+        }
+
+        #[inline(always)]
+        fn turned(pairs: [[Self; 2]; 4]) -> (Vec4, Vec4) {
+            let (mut first, mut second) = ([0.0; 4], [0.0; 4]);
+            for i in 0..4 {
+                let word = <$word>::from(pairs[i][0] as $bits) | <$word>::from(pairs[i][1] as $bits) << <$bits>::BITS;
+                first[i] = word as $bits as $t as f32;
+                second[i] = (word >> <$bits>::BITS) as $bits as $t as f32;
+            }
+            (Vec4::from_array(first), Vec4::from_array(second))
+        }
     })*};
 }
-sample!(u8, i8, u16, i16, f32);
+sample!(u8, u8, u16; i8, u8, u16; u16, u16, u32; i16, u16, u32);
+
+impl Sample for f32 {
+    #[inline(always)]
+    fn raw(self) -> f32 {
+        self
+    }
+
+    #[inline(always)]
+    fn turned([a, b, c, d]: [[Self; 2]; 4]) -> (Vec4, Vec4) {
+        let word = |[first, second]: [Self; 2]| u64::from(first.to_bits()) | u64::from(second.to_bits()) << 32;
+        let (front, back): (Vec4, Vec4) = (bytemuck::cast([word(a), word(b)]), bytemuck::cast([word(c), word(d)]));
+        (Vec4::new(front.x, front.z, back.x, back.z), Vec4::new(front.y, front.w, back.y, back.w))
+    }
+}
 
 impl Samples {
     /// Number of samples.

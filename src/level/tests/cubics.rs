@@ -1,7 +1,7 @@
 //! The cubic of a segment and its first rise, against f64.
 
 use super::*;
-use crate::level::cell::{Cubic, along_segment, deflate, first_rise, right_part, trilinear};
+use crate::level::cell::{self, Cubic, along_segment, deflate, right_part, trilinear};
 use glam::Vec4;
 use proptest::prelude::*;
 

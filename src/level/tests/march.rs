@@ -75,11 +75,11 @@ impl Carried {
         };
         let mut offset = 0.0;
         if inside {
-            let Some(t) = cell::first_rise(&cubic.map(|b| -b)) else { return Ok(Self::In) };
+            let Some(t) = cell::first_rise(&cubic.map(|b| -b)).map(|b| b.root()) else { return Ok(Self::In) };
             cubic = cell::deflate(cell::right_part(cubic, t));
             offset = t;
         }
-        cell::first_rise(&cubic).map_or(Ok(Self::Out), |t| Err(offset + (1.0 - offset) * t))
+        cell::first_rise(&cubic).map_or(Ok(Self::Out), |b| Err(offset + (1.0 - offset) * b.root()))
     }
 }
 

@@ -42,12 +42,7 @@ impl<'a> Pass<'a> {
     ) {
         let layers = &self.settings.layers;
         let coefficients = layers.coefficients();
-        let bands = layers.bands()[0];
-        let direct = bands * bands;
-        scratch.sums.clear();
-        scratch.sums.resize(REPLICATES * coefficients, 0.0);
-        scratch.blocked_sums.clear();
-        scratch.blocked_sums.resize(REPLICATES * direct, 0.0);
+        scratch.clear(&self.settings);
         let mut visible = [0u32; REPLICATES];
         let mut row = EMPTY_ROW;
         (out.lost, out.trapped) = (0, 0);
@@ -56,13 +51,13 @@ impl<'a> Pass<'a> {
             let sampler = PathSampler::new(self.settings.seed, item, replicate as u32);
             let sequence = sampler.sequence(0);
             let sums = &mut scratch.sums[replicate * coefficients..][..coefficients];
-            scratch.escaped.clear();
-            scratch.blocked.clear();
+            scratch.escaped[replicate].clear();
+            scratch.blocked[replicate].clear();
             for path in 0..self.settings.points() as u32 {
                 let direction = frame.from_local(warp::square_to_cosine_hemisphere(sequence.point(path)));
                 let at = match field.trace(site.isovalue, &site.start, field.direction_in_grid(direction), counts) {
                     Outcome::Escaped => {
-                        scratch.escaped.push(direction);
+                        scratch.escaped[replicate].push(direction);
                         continue;
                     }
                     // A hit of distance 0, as in `path`.
@@ -75,15 +70,11 @@ impl<'a> Pass<'a> {
                 if !self.cache.add(&at, &self.spans[0], sums, &mut row, lookups) {
                     self.go_on(field, site, at, &sampler, path, sums, &mut row, counts, lookups, out);
                 }
-                scratch.blocked.push(direction);
+                scratch.blocked[replicate].push(direction);
             }
-            sh::basis::accumulate(bands, &scratch.escaped, sums);
-            visible[replicate] = scratch.escaped.len() as u32;
-            if !self.settings.positive {
-                let sums = &mut scratch.blocked_sums[replicate * direct..][..direct];
-                sh::basis::accumulate(bands, &scratch.blocked, sums);
-            }
+            visible[replicate] = scratch.escaped[replicate].len() as u32;
         }
+        scratch.add_escaped(0, &self.settings);
         let points = self.settings.points();
         combine(site.normal, &self.settings, scratch, &visible, points, 1, out);
         out.rays = (points * REPLICATES) as u32;
