@@ -60,6 +60,7 @@ impl AxisWeights {
 
 impl<T: Sample> LevelField<'_, T> {
     /// Gradient of the raw field in grid space, per sample step.
+    #[inline(always)]
     pub fn raw_gradient(&self, at: &CellPoint) -> Vec3 {
         let x = AxisWeights::new(at.cell.x, at.local.x, self.dims[0]);
         let y = AxisWeights::new(at.cell.y, at.local.y, self.dims[1]);
@@ -71,6 +72,7 @@ impl<T: Sample> LevelField<'_, T> {
     }
 
     /// From any numbers of samples.
+    #[cold]
     fn gradient_by_sample(&self, x: &AxisWeights, y: &AxisWeights, z: &AxisWeights) -> Vec3 {
         let mut gradient = Vec3::ZERO;
         for k in 0..z.count {
@@ -94,7 +96,7 @@ impl<T: Sample> LevelField<'_, T> {
     }
 
     /// From 4³ samples: as [`Self::gradient_by_sample`], the four slices in the lanes of vectors, bit for bit.
-    #[inline]
+    #[inline(always)]
     fn gradient_inside(&self, x: &AxisWeights, y: &AxisWeights, z: &AxisWeights) -> Vec3 {
         let slice = self.dims[0] * self.dims[1];
         let (mut dx, mut dy, mut v) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO);

@@ -117,6 +117,7 @@ impl<'v, T: Sample> LevelField<'v, T> {
 
     /// The unit normal at a point, from the B-spline gradient, towards the lit side; `None` where
     /// the gradient vanishes.
+    #[inline(always)]
     pub fn normal(&self, at: &CellPoint) -> Option<Normal> {
         Normal::down_gradient(self.gradient_in_world * self.raw_gradient(at))
     }

@@ -79,6 +79,7 @@ const GROUPS: usize = 2;
 pub(super) const LANES: usize = 4 * GROUPS;
 
 /// The [`Bracket::root`] of each bracket.
+#[inline(always)]
 pub(super) fn roots(brackets: &[Bracket; LANES]) -> [f32; LANES] {
     let mut groups: [Lanes; GROUPS] =
         std::array::from_fn(|g| Lanes::new(std::array::from_fn(|i| brackets[4 * g + i])));

@@ -61,6 +61,7 @@ impl Crossing {
     }
 
     /// The [`Self::hit`] of each crossing, appended to `found`: the same bits in less time.
+    #[inline(always)]
     pub fn hits(crossings: &[Self], found: &mut Vec<Hit>) {
         for some in crossings.chunks(root::LANES) {
             // A block that is not full repeats its last one.
@@ -153,7 +154,7 @@ impl<T: Sample> LevelField<'_, T> {
 
     /// As [`Self::trace`], but leaves the place of the hit to [`Crossing::hits`], which finds those of several rays
     /// together.
-    #[inline]
+    #[inline(always)]
     pub fn first_crossing(
         &self,
         isovalue: f32,

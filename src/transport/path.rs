@@ -25,6 +25,7 @@ use crate::sh;
 use crate::transfer::{Layers, MAX_LAYERS};
 use crate::volume::Sample;
 use glam::Vec3;
+use multiversion::multiversion;
 
 /// What an estimator is asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -361,6 +362,7 @@ fn extend<T: Sample>(
 }
 
 /// Follows one ray of every living path, sorts out those that escape, and takes the others to where they hit.
+#[multiversion(targets("x86_64+avx+avx2+bmi1+bmi2+lzcnt+popcnt+avx512f+avx512vl+avx512dq+avx512bw"))]
 fn march<T: Sample>(
     field: &LevelField<'_, T>,
     site: &Site,
