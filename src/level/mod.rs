@@ -71,6 +71,22 @@ pub struct LevelField<'v, T> {
     gradient_in_world: Mat3,
 }
 
+/// The samples of a field four times over: seen from the first corner of a cell, its four rows in x.
+#[derive(Clone, Copy)]
+struct Rows<'v, T>([&'v [T]; 4]);
+
+impl<T: Sample> Rows<'_, T> {
+    /// Raw samples at the eight corners of the cell whose first sample has this index: x = 0 face
+    /// first, in the order of the rows.
+    #[inline(always)]
+    fn corners(&self, first: usize) -> (Vec4, Vec4) {
+        // Written out: `array::map` is a call here, and this is the innermost loop.
+        let [a, b, c, d] = self.0;
+        let pair = |row: &[T]| [row[first], row[first + 1]];
+        T::turned([pair(a), pair(b), pair(c), pair(d)])
+    }
+}
+
 impl<'v, T: Sample> LevelField<'v, T> {
     /// Binds the samples of `volume` (which must be `samples`, the typed slice) and its pyramid.
     ///
@@ -142,22 +158,19 @@ impl<'v, T: Sample> LevelField<'v, T> {
         cell[0] as usize + self.dims[0] * (cell[1] as usize + self.dims[1] * cell[2] as usize)
     }
 
-    /// Raw samples at the eight corners of the cell whose first sample has this index: x = 0 face
-    /// first, in the order of `rows`.
+    /// The samples, shifted by each of the offsets of `rows`.
     #[inline(always)]
-    fn corners_at(&self, first: usize) -> (Vec4, Vec4) {
-        // Written out: `array::map` is a call here, and this is the innermost loop.
-        let pair = |r: usize| {
-            let pair = &self.samples[first + r..first + r + 2];
-            [pair[0], pair[1]]
-        };
-        T::turned([pair(self.rows[0]), pair(self.rows[1]), pair(self.rows[2]), pair(self.rows[3])])
+    fn shifted_rows(&self) -> Rows<'v, T> {
+        // One number for the lengths of all four: the compiler then checks an index once for all of them.
+        let count = self.samples.len() - self.rows[3];
+        let shifted = |r: usize| &self.samples[self.rows[r]..][..count];
+        Rows([shifted(0), shifted(1), shifted(2), shifted(3)])
     }
 
     /// Raw samples at the eight corners of a cell.
     #[inline(always)]
     fn corners(&self, cell: IVec3) -> ([f32; 4], [f32; 4]) {
-        let (low, high) = self.corners_at(self.sample_index(&cell.to_array()));
+        let (low, high) = self.shifted_rows().corners(self.sample_index(&cell.to_array()));
         (low.to_array(), high.to_array())
     }
 

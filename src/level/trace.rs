@@ -4,7 +4,7 @@ use super::cell::{self, Cubic};
 use super::march::{self, Axis, March};
 use super::pyramid::signed_strides;
 use super::root::{self, Bracket};
-use super::{BLOCK_SHIFT, CellPoint, LevelField};
+use super::{BLOCK_SHIFT, CellPoint, LevelField, Rows};
 use crate::volume::Sample;
 use glam::{IVec3, Vec3, Vec4};
 
@@ -168,6 +168,7 @@ impl<T: Sample> LevelField<'_, T> {
         let octant = march.octant();
         let first_sample = self.sample_index(&start.at.cell.to_array());
         let stride = self.strides(octant);
+        let rows = self.shifted_rows();
         let blocks = self.pyramid.blocks();
         let first_block = blocks.index(start.at.cell.to_array().map(|c| (c >> BLOCK_SHIFT) as usize));
         let block_stride = blocks.strides(octant);
@@ -185,8 +186,8 @@ impl<T: Sample> LevelField<'_, T> {
                 let t = march.far.min_element();
                 if side == Side::Out {
                     counts.cells += 1;
-                    if self.may_hold_solid(sample, signed)
-                        && let Passed::Hit(crossing) = self.pass_cell(&march, sample, t, axis, isovalue, side, counts)
+                    if self.may_hold_solid(rows, sample, signed)
+                        && let Passed::Hit(crossing) = self.pass_cell(&march, rows, sample, t, axis, isovalue, side, counts)
                     {
                         return Outcome::Hit(crossing);
                     }
@@ -195,7 +196,7 @@ impl<T: Sample> LevelField<'_, T> {
                     // On the surface and not moved yet: nothing is decided in a cell of no length.
                     if moved || side != Side::Start {
                         counts.cells += 1;
-                        match self.pass_cell(&march, sample, t, axis, isovalue, side, counts) {
+                        match self.pass_cell(&march, rows, sample, t, axis, isovalue, side, counts) {
                             Passed::Hit(crossing) => return Outcome::Hit(crossing),
                             Passed::On(next) => side = next,
                         }
@@ -253,8 +254,8 @@ impl<T: Sample> LevelField<'_, T> {
 
     /// Whether a sample of the cell with this first sample is above `signed`.
     #[inline(always)]
-    fn may_hold_solid(&self, sample: usize, signed: f32) -> bool {
-        let (low, high) = self.corners_at(sample);
+    fn may_hold_solid(&self, rows: Rows<'_, T>, sample: usize, signed: f32) -> bool {
+        let (low, high) = rows.corners(sample);
         // raw − c > 0 is raw > c in every case, and so with both signs turned.
         let (low, high) = (low * self.sign, high * self.sign);
         low.max(high).cmpgt(Vec4::splat(signed)).any()
@@ -266,6 +267,7 @@ impl<T: Sample> LevelField<'_, T> {
     fn pass_cell(
         &self,
         march: &March,
+        rows: Rows<'_, T>,
         sample: usize,
         t: f32,
         axis: Axis,
@@ -273,7 +275,7 @@ impl<T: Sample> LevelField<'_, T> {
         side: Side,
         counts: &mut Counts,
     ) -> Passed {
-        let (low, high) = self.corners_at(sample);
+        let (low, high) = rows.corners(sample);
         let c = Vec4::splat(isovalue);
         let (low, high) = ((low - c) * self.sign, (high - c) * self.sign);
         counts.solves += 1;
