@@ -31,14 +31,12 @@ impl Cone {
     /// The cone of a direction with components of these sizes in an octant.
     #[inline(always)]
     pub(super) fn of(octant: usize, slope: Vec3) -> Self {
-        let clear = |a: f32, b: f32, c: f32| a.max(b) < c * (1.0 - MARGIN);
         let Vec3 { x, y, z } = slope;
-        match (clear(y, z, x), clear(z, x, y), clear(x, y, z)) {
-            (true, _, _) => Self(3 * octant),
-            (_, true, _) => Self(3 * octant + 1),
-            (_, _, true) => Self(3 * octant + 2),
-            _ => Self(NONE),
-        }
+        // Without branches, which random directions mispredict.
+        let major = if y > x.max(z) { 1 } else { 0 } + if z > x.max(y) { 2 } else { 0 };
+        let largest = x.max(y).max(z);
+        let second = x.max(y).min(x.max(z)).min(y.max(z));
+        if second < largest * (1.0 - MARGIN) { Self(3 * octant + major) } else { Self(NONE) }
     }
 }
 

@@ -81,8 +81,7 @@ pub(super) const LANES: usize = 4 * GROUPS;
 /// The [`Bracket::root`] of each bracket.
 #[inline(always)]
 pub(super) fn roots(brackets: &[Bracket; LANES]) -> [f32; LANES] {
-    let mut groups: [Lanes; GROUPS] =
-        std::array::from_fn(|g| Lanes::new(std::array::from_fn(|i| brackets[4 * g + i])));
+    let mut groups: [Lanes; GROUPS] = std::array::from_fn(|g| Lanes::new(std::array::from_fn(|i| brackets[4 * g + i])));
     for _ in 0..MOST_STEPS {
         let mut all_done = true;
         for group in &mut groups {
@@ -133,8 +132,7 @@ impl Lanes {
         let closed = (self.high - self.low).cmple(Vec4::splat(TOLERANCE));
         let newton = t - f / slope;
         let width = (newton - t).abs();
-        let good =
-            newton.cmpgt(self.low) & newton.cmplt(self.high) & width.cmplt(Vec4::splat(0.5) * self.last_width);
+        let good = newton.cmpgt(self.low) & newton.cmplt(self.high) & width.cmplt(Vec4::splat(0.5) * self.last_width);
         let half = Vec4::splat(0.5) * (self.high - self.low);
         let next = Vec4::select(good, newton, self.low + half);
         self.last_width = Vec4::select(good, width, half);

@@ -225,11 +225,11 @@ impl<T: Sample> LevelField<'_, T> {
             let mut skipped = false;
             loop {
                 counts.nodes += 1;
-                if ahead.nothing(block, bin, level) {
-                    return Outcome::Escaped;
-                }
                 if blocks.max[block] > signed {
                     break;
+                }
+                if ahead.nothing(block, bin, level) {
+                    return Outcome::Escaped;
                 }
                 let axis = march.cross_block();
                 if !march.next_block(axis) {
