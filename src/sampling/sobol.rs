@@ -100,14 +100,15 @@ const BLOCK: usize = 8;
 
 /// The bits of each word in reverse, by shifts and masks, which vectorise.
 #[inline(always)]
-fn reverse(words: [u32; BLOCK]) -> [u32; BLOCK] {
-    words.map(|w| {
+fn reverse(words: &mut [u32; BLOCK]) {
+    for word in words {
+        let w = *word;
         let w = ((w >> 1) & 0x5555_5555) | ((w & 0x5555_5555) << 1);
         let w = ((w >> 2) & 0x3333_3333) | ((w & 0x3333_3333) << 2);
         let w = ((w >> 4) & 0x0f0f_0f0f) | ((w & 0x0f0f_0f0f) << 4);
         let w = ((w >> 8) & 0x00ff_00ff) | ((w & 0x00ff_00ff) << 8);
-        w.rotate_left(16)
-    })
+        *word = w.rotate_left(16);
+    }
 }
 
 /// One pair of a [`PathSampler`]: a randomised (0, 2)-sequence, or t ≤ 2 for odd pairs.
@@ -145,33 +146,52 @@ impl PairSequence {
     }
 
     /// Points `first`, `first` + 1, … into `points`.
-    #[inline]
+    #[inline(always)]
     pub fn fill(&self, first: u32, points: &mut [[f32; 2]]) {
-        let mut index = first;
+        self.fill_from(|i| first.wrapping_add(i as u32), points);
+    }
+
+    /// Point `index(i)` into `points[i]`.
+    #[inline(always)]
+    pub fn fill_from(&self, index: impl Fn(usize) -> u32, points: &mut [[f32; 2]]) {
+        let mut done = 0;
         let mut blocks = points.chunks_exact_mut(BLOCK);
         for block in &mut blocks {
-            let (x, y) = self.block(index);
+            let mut indices = [0; BLOCK];
             for lane in 0..BLOCK {
-                block[lane] = [x[lane], y[lane]];
+                indices[lane] = index(done + lane);
             }
-            index = index.wrapping_add(BLOCK as u32);
+            self.block(indices, block);
+            done += BLOCK;
         }
-        for point in blocks.into_remainder() {
-            *point = self.point(index);
-            index = index.wrapping_add(1);
+        for (i, point) in blocks.into_remainder().iter_mut().enumerate() {
+            *point = self.point(index(done + i));
         }
     }
 
-    /// Points `first` … `first` + 7, each stage in all lanes, which the compiler turns into
+    /// The points of these indices, each stage in all lanes, which the compiler turns into
     /// vector instructions; the same integers as [`point`](Self::point).
-    #[inline]
-    fn block(&self, first: u32) -> ([f32; BLOCK], [f32; BLOCK]) {
-        let index: [u32; BLOCK] = std::array::from_fn(|lane| first.wrapping_add(lane as u32));
-        let index = reverse(reverse(index).map(|i| nested_permutation(i, self.shuffle)));
-        let both = index.map(|i| self.unscrambled(i));
-        let x = reverse(both.map(|[x, _]| nested_permutation(x, self.scramble[0])));
-        let y = reverse(both.map(|[_, y]| nested_permutation(y, self.scramble[1])));
-        (x.map(unit_interval), y.map(unit_interval))
+    #[inline(always)]
+    fn block(&self, mut index: [u32; BLOCK], points: &mut [[f32; 2]]) {
+        // Loops, since `array::map` is a call.
+        reverse(&mut index);
+        for i in &mut index {
+            *i = nested_permutation(*i, self.shuffle);
+        }
+        reverse(&mut index);
+        let (mut x, mut y) = ([0; BLOCK], [0; BLOCK]);
+        for lane in 0..BLOCK {
+            [x[lane], y[lane]] = self.unscrambled(index[lane]);
+        }
+        for (words, scramble) in [(&mut x, self.scramble[0]), (&mut y, self.scramble[1])] {
+            for word in &mut *words {
+                *word = nested_permutation(*word, scramble);
+            }
+            reverse(words);
+        }
+        for lane in 0..BLOCK {
+            points[lane] = [unit_interval(x[lane]), unit_interval(y[lane])];
+        }
     }
 }
 

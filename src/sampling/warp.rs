@@ -95,6 +95,7 @@ const BLOCK: usize = 8;
 
 /// [`square_to_cosine_hemisphere`] of every point, added to `directions`: the same operations in the same
 /// order, in lanes and without the branch that random points mispredict.
+#[inline(always)]
 pub(crate) fn squares_to_cosine_hemisphere(points: &[[f32; 2]], directions: &mut Vec<Vec3>) {
     let mut blocks = points.chunks_exact(BLOCK);
     for block in &mut blocks {

@@ -175,23 +175,22 @@ impl Scratch {
     }
 
     /// Draws directions about the normal for the living paths at bounce `k`.
+    #[inline(always)]
     fn aim(&mut self, k: usize, samplers: &[PathSampler; REPLICATES]) {
-        self.points.clear();
+        self.points.resize(self.alive.len(), [0.0; 2]);
         let mut start = 0;
         for (replicate, sampler) in samplers.iter().enumerate() {
             let sequence = sampler.sequence(k as u32);
-            let alive = &mut self.alive[start..start + self.living[replicate]];
+            let range = start..start + self.living[replicate];
+            let (alive, points) = (&mut self.alive[range.clone()], &mut self.points[range.clone()]);
             if k.is_multiple_of(2) {
                 let first = self.taken[replicate].first_of(k, alive.len());
-                self.points.resize(start + alive.len(), [0.0; 2]);
-                sequence.fill(first, &mut self.points[start..]);
                 for (alive, point) in alive.iter_mut().zip(first..) {
                     alive.point = point;
                 }
-            } else {
-                self.points.extend(alive.iter().map(|alive| sequence.point(alive.point)));
             }
-            start += self.living[replicate];
+            sequence.fill_from(|i| alive[i].point, points);
+            start = range.end;
         }
         self.locals.clear();
         warp::squares_to_cosine_hemisphere(&self.points, &mut self.locals);
@@ -345,8 +344,7 @@ fn extend<T: Sample>(
     scratch.alive.resize(REPLICATES * (last - first), Alive { point: 0, start: site.start, normal: site.normal });
     scratch.living = [last - first; REPLICATES];
     for k in 0..layers.len() {
-        scratch.aim(k, &samplers);
-        march(field, site, k, scratch, counts, &mut tally);
+        bounce(field, site, k, &samplers, scratch, counts, &mut tally);
         scratch.add_escaped(k, settings);
         if k == 0 {
             for (visible, escaped) in tally.visible.iter_mut().zip(&scratch.escaped) {
@@ -362,15 +360,20 @@ fn extend<T: Sample>(
 }
 
 /// Follows one ray of every living path, sorts out those that escape, and takes the others to where they hit.
+///
+/// Compiled for what processors have, with all that it calls. No variant uses fused multiply-add: all give the same
+/// bits.
 #[multiversion(targets("x86_64+avx+avx2+bmi1+bmi2+lzcnt+popcnt+avx512f+avx512vl+avx512dq+avx512bw"))]
-fn march<T: Sample>(
+fn bounce<T: Sample>(
     field: &LevelField<'_, T>,
     site: &Site,
     k: usize,
+    samplers: &[PathSampler; REPLICATES],
     scratch: &mut Scratch,
     counts: &mut Counts,
     tally: &mut Tally,
 ) {
+    scratch.aim(k, samplers);
     let Scratch { alive, living, locals, escaped, blocked, crossings, crossed, hits, .. } = scratch;
     escaped.iter_mut().for_each(Vec::clear);
     blocked.iter_mut().for_each(Vec::clear);
