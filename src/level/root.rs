@@ -81,7 +81,8 @@ pub(super) const LANES: usize = 4 * GROUPS;
 /// The [`Bracket::root`] of each bracket.
 #[inline(always)]
 pub(super) fn roots(brackets: &[Bracket; LANES]) -> [f32; LANES] {
-    let mut groups: [Lanes; GROUPS] = std::array::from_fn(|g| Lanes::new(std::array::from_fn(|i| brackets[4 * g + i])));
+    let (front, back) = brackets.split_at(4);
+    let mut groups = [Lanes::new(front), Lanes::new(back)];
     for _ in 0..MOST_STEPS {
         let mut all_done = true;
         for group in &mut groups {
@@ -92,7 +93,7 @@ pub(super) fn roots(brackets: &[Bracket; LANES]) -> [f32; LANES] {
             break;
         }
     }
-    bytemuck::cast(groups.map(|group| group.t))
+    bytemuck::cast([groups[0].t, groups[1].t])
 }
 
 /// Four brackets on their way to their roots.
@@ -107,12 +108,12 @@ struct Lanes {
 
 impl Lanes {
     #[inline(always)]
-    fn new(brackets: [Bracket; 4]) -> Self {
+    fn new(brackets: &[Bracket]) -> Self {
         let cubic = |i: usize| Vec4::from_array(brackets[i].cubic);
         let turned = Mat4::from_cols(cubic(0), cubic(1), cubic(2), cubic(3)).transpose();
         let b = [turned.x_axis, turned.y_axis, turned.z_axis, turned.w_axis];
-        let each = |of: fn(&Bracket) -> f32| Vec4::from_array([0, 1, 2, 3].map(|i| of(&brackets[i])));
-        let (low, high) = (each(|b| b.low), each(|b| b.high));
+        let low = Vec4::new(brackets[0].low, brackets[1].low, brackets[2].low, brackets[3].low);
+        let high = Vec4::new(brackets[0].high, brackets[1].high, brackets[2].high, brackets[3].high);
         let at_low = Vec4::select(low.cmpeq(Vec4::ZERO), b[0], evaluate_lanes(&b, low).0);
         let at_high = evaluate_lanes(&b, high).0;
         let chord = at_low / (at_low - at_high);

@@ -64,8 +64,11 @@ impl Crossing {
     #[inline(always)]
     pub fn hits(crossings: &[Self], found: &mut Vec<Hit>) {
         for some in crossings.chunks(root::LANES) {
-            // A block that is not full repeats its last one.
-            let brackets = std::array::from_fn(|lane| some[lane.min(some.len() - 1)].bracket);
+            // A block that is not full repeats its first one.
+            let mut brackets = [some[0].bracket; root::LANES];
+            for (bracket, crossing) in brackets.iter_mut().zip(some) {
+                *bracket = crossing.bracket;
+            }
             found.extend(some.iter().zip(root::roots(&brackets)).map(|(crossing, root)| crossing.at(root)));
         }
     }
@@ -293,24 +296,24 @@ impl<T: Sample> LevelField<'_, T> {
 }
 
 /// The start cell, and rays inside the solid.
-#[cold]
+#[inline(always)]
 fn pass_near_start(cubic: Cubic, side: Side) -> Crossed {
-    match side {
+    let (cubic, starts_inside) = match side {
         Side::Start => {
-            let quotient = cell::deflate(cubic);
-            let leading = quotient.into_iter().find(|&q| q != 0.0);
-            match leading {
-                Some(q) if q > 0.0 => leave_solid(quotient),
-                _ => rise_after(quotient, 0.0),
-            }
+            let q = cell::deflate(cubic);
+            // By the first coefficient that is not 0.
+            let first = |a: f32, b: f32| if a != 0.0 { a } else { b };
+            (q, first(first(q[0], q[1]), first(q[2], q[3])) > 0.0)
         }
-        Side::Unknown if cubic[0] > 0.0 => leave_solid(cubic),
-        Side::Unknown | Side::Out => rise_after(cubic, 0.0),
-        Side::In => leave_solid(cubic),
-    }
+        Side::Unknown => (cubic, cubic[0] > 0.0),
+        Side::Out => (cubic, false),
+        Side::In => (cubic, true),
+    };
+    if starts_inside { leave_solid(cubic) } else { rise_after(cubic, 0.0) }
 }
 
 /// From inside: the first fall to the lit side, then perhaps a hit behind it.
+#[cold]
 fn leave_solid(cubic: Cubic) -> Crossed {
     let Some(fall) = cell::first_rise(&cubic.map(|b| -b)) else {
         return Crossed::No(Side::In);
