@@ -3,6 +3,7 @@
 use super::cone::{Ahead, Cone};
 use crate::volume::{Sample, Volume, with_samples};
 use glam::Vec3;
+use rayon::prelude::*;
 use std::sync::OnceLock;
 
 /// Cells along the side of a block, as a power of two: 4.
@@ -54,37 +55,33 @@ impl Pyramid {
         let blocks = dims.map(|n| n.saturating_sub(1).div_ceil(side).max(1));
         let count = blocks.iter().product();
         let mut level = Level { dims: blocks, max: vec![f32::NEG_INFINITY; count], min: vec![f32::INFINITY; count] };
-        // Rows of samples belong to one or two blocks in y and z (shared faces belong to both).
-        let owners = |i: usize, n: usize| {
-            let last = (i / side).min(n - 1);
-            let first = if i > 0 && i.is_multiple_of(side) { (i / side - 1).min(n - 1) } else { last };
-            first..=last
-        };
-        let mut row_max = vec![0.0f32; blocks[0]];
-        let mut row_min = vec![0.0f32; blocks[0]];
-        for z in 0..dims[2] {
-            for y in 0..dims[1] {
-                let row = &samples[dims[0] * (y + dims[1] * z)..][..dims[0]];
-                for bx in 0..blocks[0] {
-                    let span = &row[bx * side..(bx * side + side + 1).min(dims[0])];
-                    let (lo, hi) = span.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), s| {
-                        let v = sign * s.raw();
-                        (if v < lo { v } else { lo }, if v > hi { v } else { hi })
-                    });
-                    row_min[bx] = lo;
-                    row_max[bx] = hi;
-                }
-                for bz in owners(z, blocks[2]) {
-                    for by in owners(y, blocks[1]) {
-                        let at = level.index([0, by, bz]);
+        // Rows of samples belong to one or two blocks in y and to one or two slabs of blocks in z: shared faces to both.
+        let slab = blocks[0] * blocks[1];
+        let slabs = level.max.par_chunks_mut(slab).zip(level.min.par_chunks_mut(slab)).enumerate();
+        slabs.for_each(|(bz, (max, min))| {
+            let mut row_range = vec![(0.0, 0.0); blocks[0]];
+            for z in bz * side..=(bz * side + side).min(dims[2] - 1) {
+                for y in 0..dims[1] {
+                    let row = &samples[dims[0] * (y + dims[1] * z)..][..dims[0]];
+                    for bx in 0..blocks[0] {
+                        let span = &row[bx * side..(bx * side + side + 1).min(dims[0])];
+                        row_range[bx] = span.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), s| {
+                            let v = sign * s.raw();
+                            (if v < lo { v } else { lo }, if v > hi { v } else { hi })
+                        });
+                    }
+                    let last = (y / side).min(blocks[1] - 1);
+                    let first = if y > 0 && y.is_multiple_of(side) { (y / side - 1).min(blocks[1] - 1) } else { last };
+                    for by in first..=last {
                         for bx in 0..blocks[0] {
-                            level.max[at + bx] = level.max[at + bx].max(row_max[bx]);
-                            level.min[at + bx] = level.min[at + bx].min(row_min[bx]);
+                            let (at, (lo, hi)) = (bx + blocks[0] * by, row_range[bx]);
+                            max[at] = max[at].max(hi);
+                            min[at] = min[at].min(lo);
                         }
                     }
                 }
             }
-        }
+        });
         level
     }
 

@@ -27,6 +27,7 @@ pub use read::{ReadHint, read};
 use crate::error::{Error, Result};
 use crate::geom::{Affine, Bounds, Up};
 use glam::{DVec3, Vec4};
+use rayon::prelude::*;
 
 /// Which side of the level set is matter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -66,6 +67,9 @@ macro_rules! with_samples {
     };
 }
 pub(crate) use with_samples;
+
+/// Samples that a thread looks at in a row.
+const PART: usize = 1 << 16;
 
 /// A sample type that a volume can hold.
 pub trait Sample: Copy + Send + Sync + 'static {
@@ -142,7 +146,10 @@ impl Samples {
     pub fn raw_range(&self) -> (f32, f32) {
         fn range<T: Sample>(samples: &[T]) -> (f32, f32) {
             let start = samples.first().map_or(0.0, |s| s.raw());
-            samples.iter().fold((start, start), |(lo, hi), s| (lo.min(s.raw()), hi.max(s.raw())))
+            let wider = |(lo, hi): (f32, f32), (l, h): (f32, f32)| (lo.min(l), hi.max(h));
+            let parts = samples.par_chunks(PART);
+            let parts = parts.map(|part| part.iter().fold((start, start), |all, s| wider(all, (s.raw(), s.raw()))));
+            parts.collect::<Vec<_>>().into_iter().fold((start, start), wider)
         }
         with_samples!(self, s => range(s))
     }
@@ -232,7 +239,11 @@ impl Volume {
             ));
         }
         if let Samples::F32(s) = &samples
-            && let Some(bad) = s.iter().position(|v| !v.is_finite())
+            && let Some(bad) = s.par_chunks(PART).enumerate().find_map_first(|(i, part)| {
+                // All of a part at once first: a search stops at every sample.
+                let all = part.iter().fold(true, |all, v| all & v.is_finite());
+                if all { None } else { part.iter().position(|v| !v.is_finite()).map(|at| PART * i + at) }
+            })
         {
             return Err(Error::argument(
                 "volume",
@@ -405,7 +416,7 @@ impl Volume {
         for v in linear.iter().chain(&offset).chain(&[self.slope, self.inter]) {
             hasher.update(&v.to_le_bytes());
         }
-        hasher.update(self.samples.bytes());
+        hasher.update_rayon(self.samples.bytes());
         hasher.finalize().to_hex().to_string()
     }
 }

@@ -14,6 +14,7 @@ use crate::geom::{Affine, Up};
 use crate::volume::{LengthUnit, Note, Samples, Solid, Volume};
 use bytemuck::Pod;
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -136,7 +137,7 @@ pub(super) fn write(backing: &Backing, key: &str, volume: &Volume, sync: bool) -
     })
 }
 
-fn samples<T: Pod>(backing: &Backing, key: &str, dims: [usize; 3]) -> Result<Vec<T>> {
+fn samples<T: Pod + Send>(backing: &Backing, key: &str, dims: [usize; 3]) -> Result<Vec<T>> {
     let width = size_of::<T>();
     let expected = SIDE.pow(3) * width + CHECKSUM;
     let damaged = |chunk: &str, found: String, expected: String| {
@@ -154,21 +155,29 @@ fn samples<T: Pod>(backing: &Backing, key: &str, dims: [usize; 3]) -> Result<Vec
         }
     })?;
     let mut samples = vec![T::zeroed(); dims.iter().product()];
-    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut samples);
-    for_each_chunk(dims, |index, start, size| {
-        let name = zarr::chunk_key(key, index, false);
-        let file = backing.bytes(&name)?.filter(|file| file.len() == expected);
-        let Some(file) = file else {
-            return Err(damaged(&name, "a file that changed".into(), format!("{expected} bytes")));
-        };
-        let (chunk, stored) = file.split_at(expected - CHECKSUM);
-        let (found, stored) = (zarr::checksum(chunk), zarr::little_u32(stored));
-        if found != stored {
-            return Err(damaged(&name, format!("bytes with crc32c {found:08x}"), format!("crc32c {stored:08x}")));
-        }
-        for_each_row(dims, start, size, width, |outer, inner| bytes[outer].copy_from_slice(&chunk[inner]));
-        Ok(())
-    })?;
+    // A slab of chunks in z is a run of the samples.
+    let slabs = samples.par_chunks_mut(dims[0] * dims[1] * SIDE).enumerate();
+    let read = slabs.map(|(slab, samples)| {
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(samples);
+        let depth = bytes.len() / (dims[0] * dims[1] * width);
+        for_each_chunk([dims[0], dims[1], depth], |[x, y, _], start, size| {
+            let name = zarr::chunk_key(key, [x, y, slab], false);
+            let file = backing.bytes(&name)?.filter(|file| file.len() == expected);
+            let Some(file) = file else {
+                return Err(damaged(&name, "a file that changed".into(), format!("{expected} bytes")));
+            };
+            let (chunk, stored) = file.split_at(expected - CHECKSUM);
+            let (found, stored) = (zarr::checksum(chunk), zarr::little_u32(stored));
+            if found != stored {
+                let found = format!("bytes with crc32c {found:08x}");
+                return Err(damaged(&name, found, format!("crc32c {stored:08x}")));
+            }
+            for_each_row(dims, start, size, width, |outer, inner| bytes[outer].copy_from_slice(&chunk[inner]));
+            Ok(())
+        })
+    });
+    // The first damage in the order of the file, not of the threads.
+    read.collect::<Vec<_>>().into_iter().collect::<Result<()>>()?;
     Ok(samples)
 }
 
