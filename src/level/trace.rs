@@ -190,7 +190,8 @@ impl<T: Sample> LevelField<'_, T> {
                 if side == Side::Out {
                     counts.cells += 1;
                     if self.may_hold_solid(rows, sample, signed)
-                        && let Passed::Hit(crossing) = self.pass_cell(&march, rows, sample, t, axis, isovalue, side, counts)
+                        && let Passed::Hit(crossing) =
+                            self.pass_cell(&march, rows, sample, t, axis, isovalue, side, counts)
                     {
                         return Outcome::Hit(crossing);
                     }

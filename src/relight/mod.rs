@@ -40,16 +40,25 @@ use crate::error::{Error, Result};
 use crate::surface::straddling_cells;
 use crate::transfer::{CHUNK, Lattice, Selection};
 use crate::volume::{Sample, Volume, with_samples};
+use rayon::prelude::*;
+
+/// Slabs of cells that a thread marks in a row: enough that few sets are merged.
+const SLABS: usize = 64;
 
 /// The texels that lookups anywhere on one isosurface read; `isovalue` in the file's values. None for an
 /// isovalue out of range.
 pub fn texels_of_isosurface(volume: &Volume, lattice: Lattice, isovalue: f64) -> Selection {
     let cells = straddling_cells(volume, isovalue);
-    let mut selection = Selection::empty(lattice);
-    for z in 0..cells.dims()[2] {
-        cells.for_each_in_slab(z, |x, y| selection.insert_cell([x, y, z]));
-    }
-    selection
+    // Each thread marks the cells of some slabs in a set of its own.
+    let slabs = (0..cells.dims()[2]).into_par_iter().with_min_len(SLABS);
+    let sets = slabs.fold(
+        || Selection::empty(lattice),
+        |mut selection, z| {
+            cells.for_each_in_slab(z, |x, y| selection.insert_cell([x, y, z]));
+            selection
+        },
+    );
+    sets.reduce_with(Selection::with).unwrap_or_else(|| Selection::empty(lattice))
 }
 
 /// The extent in raw values (largest minus smallest corner) of the cells that one isosurface crosses, summed over

@@ -61,6 +61,13 @@ impl Selection {
         selection
     }
 
+    /// The texels of either of two sets of one lattice.
+    pub fn with(mut self, other: Self) -> Self {
+        debug_assert_eq!(self.lattice, other.lattice);
+        self.bits.iter_mut().zip(other.bits).for_each(|(bits, more)| *bits |= more);
+        self
+    }
+
     /// The bricks that hold texels of the set, x fastest.
     pub fn bricks(&self) -> Vec<[usize; 3]> {
         let [bx, by, bz] = self.lattice.bricks();
@@ -104,8 +111,9 @@ impl Selection {
         let m = self.lattice.texels();
         let span = |a: usize| {
             let step = self.lattice.step(a);
-            let low = (cell[a] as f64 / step).floor() as usize;
-            let high = ((cell[a] + 1) as f64 / step).ceil() as usize;
+            let low = (cell[a] as f64 / step) as usize;
+            let end = (cell[a] + 1) as f64 / step;
+            let high = end as usize + usize::from(end > end as usize as f64);
             low.min(m[a] - 1)..=high.min(m[a] - 1)
         };
         let (sx, sy, sz) = (span(0), span(1), span(2));
@@ -164,7 +172,21 @@ impl Selection {
     fn touches(&self, block: [usize; 3], side: usize) -> bool {
         let m = self.lattice.texels();
         let span = |a: usize| block[a] * side..((block[a] + 1) * side).min(m[a]);
-        span(2).any(|z| span(1).any(|y| span(0).any(|x| self.contains([x, y, z]))))
+        let row = span(0);
+        !row.is_empty() && span(2).any(|z| span(1).any(|y| self.any_of(self.index([row.start, y, z]), row.len())))
+    }
+
+    /// Whether any of `count` texels in a row is in the set, given the index of the first.
+    fn any_of(&self, first: usize, count: usize) -> bool {
+        let (mut at, end) = (first, first + count);
+        while at < end {
+            let here = (64 - at % 64).min(end - at);
+            if self.bits[at / 64] >> (at % 64) & (u64::MAX >> (64 - here)) != 0 {
+                return true;
+            }
+            at += here;
+        }
+        false
     }
 }
 

@@ -165,7 +165,7 @@ pub(super) struct Scratch {
 
 impl Scratch {
     /// Sets the sums to zero.
-    pub(super) fn clear(&mut self, settings: &Settings) {
+    pub(super) fn zero_sums(&mut self, settings: &Settings) {
         let layers = &settings.layers;
         self.sums.clear();
         self.sums.resize(REPLICATES * layers.coefficients(), 0.0);
@@ -260,7 +260,7 @@ pub(super) fn estimate<T: Sample>(
     counts: &mut Counts,
     out: &mut TexelEstimate,
 ) {
-    scratch.clear(settings);
+    scratch.zero_sums(settings);
     let mut tally = Tally::default();
     let mut done = 0;
     let mut points = match settings.target {

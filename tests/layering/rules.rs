@@ -129,6 +129,9 @@ pub const FORBIDDEN: &[Rule] = &[
 /// Where rayon may be named: file (or the beginning of its path) and the loop it runs.
 pub const RAYON_FILES: &[(&str, &str)] = &[
     ("src/transport/", "texels in bricks"),
+    ("src/volume/mod.rs", "range and finiteness of the samples"),
+    ("src/level/pyramid.rs", "slabs of blocks"),
+    ("src/transfer/store/volume.rs", "slabs of chunks"),
     ("src/probe/project.rs", "rows of an environment, summed in order"),
     ("src/probe/read/layout.rs", "rows of a converted environment"),
     ("src/surface/", "slabs of cells"),

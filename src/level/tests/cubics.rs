@@ -25,6 +25,11 @@ fn nodes(b: &[f64; 4]) -> Vec<f64> {
     all
 }
 
+/// Where the first rise is.
+fn first_rise(b: &Cubic) -> Option<f32> {
+    cell::first_rise(b).map(|bracket| bracket.root())
+}
+
 /// First t with f > `level` after f ≤ `level`.
 fn rise_above(b: &[f64; 4], level: f64) -> Option<f64> {
     let nodes = nodes(b);
@@ -233,5 +238,35 @@ fn subnormal_and_huge_coefficients_keep_their_roots() {
         assert!(t > 0.2 && t < 0.8, "{scale}: {t}");
         assert_eq!(first_rise(&[-scale, -scale, -scale, 0.0]), None);
         assert_eq!(first_rise(&[scale, -scale, -scale, 0.0]), Some(0.0));
+    }
+}
+
+/// Eight at a time, in whatever company, a bracket gets the root that it gets alone.
+#[test]
+fn roots_found_together_are_the_bits_of_each_alone() {
+    let coefficient = |item: u64, k: u64| {
+        let u = (uniform(151, item, k) * 2.0 - 1.0) as f32;
+        // Of all sizes, some nearly 0 and some 0, so that brackets end at stationary points and at faces.
+        match item % 4 {
+            0 => u,
+            1 => u * u * u * u * u,
+            2 => (u * 4.0).round(),
+            _ => u * 10f32.powi((8.0 * uniform(152, item, k)) as i32 - 4),
+        }
+    };
+    let brackets: Vec<Bracket> = (0..400_000)
+        .filter_map(|item| {
+            let b: Cubic = std::array::from_fn(|k| coefficient(item, k as u64));
+            cell::first_rise(&[if item % 16 == 0 { 0.0 } else { -b[0].abs() }, b[1], b[2], b[3]])
+        })
+        .collect();
+    assert!(brackets.len() > 200_000);
+    let split = brackets.iter().filter(|b| b.low > 0.0 || b.high < 1.0).count();
+    assert!(split > 1000, "{split} brackets end at a stationary point");
+    for eight in brackets.chunks_exact(root::LANES) {
+        let together = root::roots(eight.try_into().expect("eight"));
+        for (bracket, t) in eight.iter().zip(together) {
+            assert_eq!(bracket.root().to_bits(), t.to_bits(), "{bracket:?}");
+        }
     }
 }

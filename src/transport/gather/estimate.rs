@@ -42,7 +42,7 @@ impl<'a> Pass<'a> {
     ) {
         let layers = &self.settings.layers;
         let coefficients = layers.coefficients();
-        scratch.clear(&self.settings);
+        scratch.zero_sums(&self.settings);
         let mut visible = [0u32; REPLICATES];
         let mut row = EMPTY_ROW;
         (out.lost, out.trapped) = (0, 0);

@@ -83,3 +83,22 @@ pub(super) fn points(dims: [usize; 3]) -> impl Iterator<Item = (usize, usize, us
 pub(super) fn assert_close(a: DVec3, b: DVec3, tolerance: f64) {
     assert!((a - b).length() <= tolerance, "{a} is not {b}");
 }
+
+/// Corners of cells are read two samples at a time: each must come out as itself.
+#[test]
+fn pairs_of_samples_keep_their_values() {
+    fn check<T: Sample + PartialEq + std::fmt::Debug>(values: &[T]) {
+        for pairs in values.windows(8) {
+            let at = |i: usize| [pairs[2 * i], pairs[2 * i + 1]];
+            let (first, second) = T::turned([at(0), at(1), at(2), at(3)]);
+            for i in 0..4 {
+                assert_eq!([first[i].to_bits(), second[i].to_bits()], at(i).map(|s| s.raw().to_bits()), "{pairs:?}");
+            }
+        }
+    }
+    check(&(0..=u8::MAX).collect::<Vec<_>>());
+    check(&(i8::MIN..=i8::MAX).rev().collect::<Vec<_>>());
+    check(&(0..=u16::MAX).step_by(251).collect::<Vec<_>>());
+    check(&(i16::MIN..=i16::MAX).step_by(251).chain([-1, 0, i16::MAX]).collect::<Vec<_>>());
+    check(&[0.0f32, -0.0, 1.5, -2.25e-30, f32::MAX, f32::MIN_POSITIVE, 1e-45, -1e30, 3.0]);
+}
