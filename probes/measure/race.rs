@@ -11,7 +11,7 @@
 use cpu_time::ThreadTime;
 use glam::Vec3;
 use isolume::geom::Frame;
-use isolume::level::{Counts, LevelField, Outcome, Pyramid, Start};
+use isolume::level::{Counts, LevelField, Outcome, Pyramid, Start, trace_all};
 use isolume::sampling::{hash, warp};
 use isolume::volume::{Sample, Samples, Volume};
 use std::io::Write;
@@ -111,14 +111,17 @@ fn rays<T: Sample>(field: &LevelField<'_, T>, vertices: &[[f32; 3]], order: &str
 fn time<T: Sample>(field: &LevelField<'_, T>, raw: f32, rays: &[Ray], race: &Race<'_>) -> std::io::Result<()> {
     let order = race.order;
     let mut distances = vec![f32::INFINITY; rays.len()];
+    let (ours, mut outcomes): (Vec<_>, _) = (rays.iter().map(|r| (r.start, r.direction)).collect(), Vec::new());
     let mut times = Vec::new();
     let mut counts = Counts::default();
     let mut lost = 0u64;
     for _ in 0..race.repeat.max(1) {
         (counts, lost) = (Counts::default(), 0);
+        outcomes.clear();
         let clock = ThreadTime::now();
-        for (ray, distance) in rays.iter().zip(&mut distances) {
-            *distance = match field.trace(raw, &ray.start, ray.direction, &mut counts) {
+        trace_all(field, raw, &ours, &mut counts, &mut outcomes);
+        for ((ray, outcome), distance) in rays.iter().zip(&outcomes).zip(&mut distances) {
+            *distance = match outcome {
                 Outcome::Hit(hit) => (hit.at.in_grid() - ray.origin).length(),
                 Outcome::Escaped => f32::INFINITY,
                 Outcome::Lost => {

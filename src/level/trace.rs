@@ -7,6 +7,7 @@ use super::root::{self, Bracket};
 use super::{BLOCK_SHIFT, CellPoint, LevelField, Rows};
 use crate::volume::Sample;
 use glam::{IVec3, Vec3, Vec4};
+use multiversion::multiversion;
 
 /// A ray that starts inside the solid may leave it within this many cell exits, else it is lost.
 ///
@@ -292,6 +293,51 @@ impl<T: Sample> LevelField<'_, T> {
                 Passed::Hit(Crossing { cell: march.cell(), entry, exit, offset, bracket })
             }
             Crossed::No(side) => Passed::On(side),
+        }
+    }
+}
+
+/// Rays of [`trace_all`] that are marched before the places of their hits are computed together.
+const BLOCK: usize = 64;
+
+/// The [`LevelField::trace`] of each ray, a start and a direction, appended to `outcomes`: the same bits in less time.
+///
+/// Compiled for what processors have. No variant uses fused multiply-add: all give the same bits.
+#[multiversion(targets(
+    "x86_64+avx+avx2+bmi1+bmi2+lzcnt+popcnt+avx512f+avx512vl+avx512dq+avx512bw",
+    "x86_64+avx+avx2+bmi1+bmi2+lzcnt+popcnt"
+))]
+pub fn trace_all<T: Sample>(
+    field: &LevelField<'_, T>,
+    isovalue: f32,
+    rays: &[(Start, Vec3)],
+    counts: &mut Counts,
+    outcomes: &mut Vec<Outcome>,
+) {
+    let (mut crossings, mut hits) = (Vec::with_capacity(BLOCK), Vec::with_capacity(BLOCK));
+    for block in rays.chunks(BLOCK) {
+        crossings.clear();
+        hits.clear();
+        let first = outcomes.len();
+        for (start, direction) in block {
+            outcomes.push(match field.first_crossing(isovalue, start, *direction, counts) {
+                Outcome::Escaped => Outcome::Escaped,
+                Outcome::Lost => Outcome::Lost,
+                Outcome::Hit(crossing) => {
+                    crossings.push(crossing);
+                    // Its place is set below.
+                    Outcome::Hit(Hit { at: start.at })
+                }
+            });
+        }
+        Crossing::hits(&crossings, &mut hits);
+        let mut hits = hits.iter();
+        for outcome in &mut outcomes[first..] {
+            if let Outcome::Hit(hit) = outcome
+                && let Some(found) = hits.next()
+            {
+                *hit = *found;
+            }
         }
     }
 }

@@ -363,7 +363,10 @@ fn extend<T: Sample>(
 ///
 /// Compiled for what processors have, with all that it calls. No variant uses fused multiply-add: all give the same
 /// bits.
-#[multiversion(targets("x86_64+avx+avx2+bmi1+bmi2+lzcnt+popcnt+avx512f+avx512vl+avx512dq+avx512bw"))]
+#[multiversion(targets(
+    "x86_64+avx+avx2+bmi1+bmi2+lzcnt+popcnt+avx512f+avx512vl+avx512dq+avx512bw",
+    "x86_64+avx+avx2+bmi1+bmi2+lzcnt+popcnt"
+))]
 fn bounce<T: Sample>(
     field: &LevelField<'_, T>,
     site: &Site,

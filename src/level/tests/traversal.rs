@@ -67,6 +67,11 @@ proptest! {
             let own = field.raw_value(&point);
             let (start, c) = if on_surface { (Start::on(point), own) } else { (Start::beside(point), if half { 0.5 } else { 1.0 }) };
             let fast = field.trace(c, &start, direction, &mut Counts::default());
+            let mut together = Vec::new();
+            let rays = [(start, direction), (start, -direction), (start, direction)];
+            trace_all(&field, c, &rays, &mut Counts::default(), &mut together);
+            let back = field.trace(c, &start, -direction, &mut Counts::default());
+            prop_assert_eq!(together, [fast, back, fast]);
             prop_assert_eq!(fast, plain_trace(&field, c, &start, direction));
             let told = judge(&twin.profile(c, &start, direction), on_surface, fast, &mut Verdicts::default());
             prop_assert!(told.is_ok(), "{told:?}: {start:?}, {c}, {fast:?}");
