@@ -55,7 +55,7 @@ impl Contracted {
 
 fn clamp_brick(brick: &mut [[f32; 4]]) -> Sums {
     let mut sums = Sums::default();
-    for texel in brick.iter_mut().filter(|t| t[3] > 0.0) {
+    for texel in brick.iter_mut().filter(|t| t[3] >= 0.0) {
         sums.of_texels += 1;
         sums.texels += u64::from(texel[..3].iter().any(|&v| v < 0.0));
         for value in &mut texel[..3] {

@@ -16,11 +16,9 @@ pub struct Contracted {
     pub(super) lattice: Lattice,
     // Brick index (x fastest) to slot, or NO_BRICK.
     pub(super) slots: Vec<u32>,
-    // Per slot 512 × (red, green, blue, weight); weight 1 for valid texels, 0 for others, −1 for texels
-    // that were never baked.
+    // Per slot 512 × (red, green, blue, standard error of their mean); of the last, below 0, are NO_LEVEL_SET and
+    // UNBAKED.
     pub(super) radiance: Vec<[f32; 4]>,
-    // Beside each the standard error of the mean of its channels.
-    pub(super) stderr: Vec<f32>,
     /// Noise of the bake as it shows under this light and material, over the valid texels contracted.
     pub noise: Noise,
     /// Largest S_∞ left out by emission at albedo 1, see [`Tail::emission`](super::Tail::emission); 0 otherwise.
@@ -49,6 +47,11 @@ impl Noise {
 }
 
 pub(super) const NO_BRICK: u32 = u32::MAX;
+
+/// In place of the standard error: the texel has no level set.
+pub(super) const NO_LEVEL_SET: f32 = -1.0;
+/// In place of the standard error: the texel was never baked, or is not contracted.
+pub(super) const UNBAKED: f32 = -2.0;
 
 /// The weights of one contraction.
 pub(super) struct Weights {
@@ -208,18 +211,16 @@ pub fn contract(
     }
     // Zeroed memory, so that the threads that fill the pages are the first to touch them.
     let mut radiance = vec![[0.0; 4]; bricks.len() * BRICK_TEXELS];
-    let mut stderr = vec![0.0f32; radiance.len()];
     let totals = radiance
         .par_chunks_mut(BRICK_TEXELS)
-        .zip(stderr.par_chunks_mut(BRICK_TEXELS))
         .zip(bricks)
         .map_init(
             || Room::new(layers),
-            |room, ((out, out_errors), &index)| {
+            |room, (out, &index)| {
                 Ok(match source.brick(index)? {
-                    Some(view) => contract_brick(BrickJob { view, layers, weights: &weights, out, out_errors, room }),
+                    Some(view) => contract_brick(BrickJob { view, layers, weights: &weights, out, room }),
                     None => {
-                        out.fill([0.0, 0.0, 0.0, -1.0]);
+                        out.fill([0.0, 0.0, 0.0, UNBAKED]);
                         BrickTotals::default()
                     }
                 })
@@ -235,7 +236,7 @@ pub fn contract(
     }
     let n = sum.texels.max(1) as f64;
     let noise = Noise { rms: (sum.variance / n).sqrt(), mean_radiance: sum.radiance / n, texels: sum.texels };
-    Ok(Contracted { lattice: layout.lattice, slots, radiance, stderr, noise, emission_remainder: sum.left_out })
+    Ok(Contracted { lattice: layout.lattice, slots, radiance, noise, emission_remainder: sum.left_out })
 }
 
 /// A brick to contract, and where to.
@@ -244,7 +245,6 @@ struct BrickJob<'a> {
     layers: &'a Layers,
     weights: &'a Weights,
     out: &'a mut [[f32; 4]],
-    out_errors: &'a mut [f32],
     room: &'a mut Room,
 }
 
@@ -279,7 +279,7 @@ impl BrickJob<'_> {
         for t in 0..BRICK_TEXELS {
             if self.view.validity[t] & validity::VALID == 0 {
                 let baked = !self.view.transfer[t * coefficients].is_nan();
-                self.out[t] = [0.0, 0.0, 0.0, if baked { 0.0 } else { -1.0 }];
+                self.out[t] = [0.0, 0.0, 0.0, if baked { NO_LEVEL_SET } else { UNBAKED }];
                 continue;
             }
             valid[count] = t;
@@ -308,7 +308,7 @@ impl BrickJob<'_> {
         dot: &impl Dot,
         totals: &mut BrickTotals,
     ) {
-        let Self { view, layers, weights, out, out_errors, room } = self;
+        let Self { view, layers, weights, out, room } = self;
         turn(view.transfer, layers.coefficients(), texels, &mut room.columns);
         turn(view.stderr, layers.errors(), texels, &mut room.errors);
         let [red, green, blue] = weights.block(&room.columns, layers, dot, &mut room.work);
@@ -316,8 +316,7 @@ impl BrickJob<'_> {
         let variance = weights.noise.variance(&room.columns, contracted, tail, &room.errors);
         let stderr = each(|j| variance[j].sqrt());
         for (j, &t) in texels[..count].iter().enumerate() {
-            out[t] = [red[j], green[j], blue[j], 1.0];
-            out_errors[t] = stderr[j];
+            out[t] = [red[j], green[j], blue[j], stderr[j]];
             totals.variance += f64::from(variance[j]);
             totals.radiance += f64::from(red[j] + green[j] + blue[j]) / 3.0;
         }
@@ -327,24 +326,14 @@ impl BrickJob<'_> {
 }
 
 impl Contracted {
-    /// Radiance and weight of a texel: 1 valid, 0 without a level set, −1 never baked or not contracted.
+    /// Radiance of a texel and the standard error of the mean of its channels; below 0 in its place
+    /// [`NO_LEVEL_SET`] or [`UNBAKED`].
     #[inline]
     pub(super) fn texel(&self, texel: [usize; 3]) -> [f32; 4] {
-        self.slot(texel).map_or([0.0, 0.0, 0.0, -1.0], |i| self.radiance[i])
-    }
-
-    /// Standard error of the mean of the channels of a texel; 0 where [`Self::texel`] has weight 0 or −1.
-    #[inline]
-    pub(super) fn texel_stderr(&self, texel: [usize; 3]) -> f32 {
-        self.slot(texel).map_or(0.0, |i| self.stderr[i])
-    }
-
-    #[inline]
-    fn slot(&self, texel: [usize; 3]) -> Option<usize> {
         let [bx, by, _] = self.lattice.bricks();
         let slot = self.slots[texel[0] / BRICK + bx * (texel[1] / BRICK + by * (texel[2] / BRICK))];
         let inner = texel[0] % BRICK + BRICK * (texel[1] % BRICK + BRICK * (texel[2] % BRICK));
-        (slot != NO_BRICK).then_some(slot as usize * BRICK_TEXELS + inner)
+        if slot == NO_BRICK { [0.0, 0.0, 0.0, UNBAKED] } else { self.radiance[slot as usize * BRICK_TEXELS + inner] }
     }
 
     /// Number of bricks contracted.

@@ -1,5 +1,6 @@
 //! Trilinear lookup of contracted radiance, over the texels that have any.
 
+use super::contract::UNBAKED;
 use super::{Contracted, Light, Material};
 use crate::transfer::Lattice;
 use rayon::prelude::*;
@@ -148,15 +149,15 @@ impl Contracted {
         let mut sum = [0.0f32; 3];
         let (mut weights, mut missing, mut unbaked) = (0.0f32, false, false);
         for (texel, w) in cell.corners() {
-            let [r, g, b, valid] = self.texel(texel);
-            if valid > 0.0 {
+            let [r, g, b, stderr] = self.texel(texel);
+            if stderr >= 0.0 {
                 sum[0] += w * r;
                 sum[1] += w * g;
                 sum[2] += w * b;
                 weights += w;
             } else {
                 missing = true;
-                unbaked |= valid < 0.0;
+                unbaked |= stderr == UNBAKED;
             }
         }
         report.unbaked += u64::from(unbaked);
@@ -184,8 +185,9 @@ impl Contracted {
     fn stderr_at(&self, position_in_grid: [f32; 3]) -> f32 {
         let (mut variance, mut weights) = (0.0f32, 0.0f32);
         for (texel, w) in Cell::around(self.lattice, position_in_grid).corners() {
-            if self.texel(texel)[3] > 0.0 {
-                let error = w * self.texel_stderr(texel);
+            let stderr = self.texel(texel)[3];
+            if stderr >= 0.0 {
+                let error = w * stderr;
                 variance += error * error;
                 weights += w;
             }
@@ -197,8 +199,8 @@ impl Contracted {
     fn neighbourhood_mean(&self, cell: &Cell) -> Option<[f32; 3]> {
         let (mut sum, mut count) = ([0.0f32; 3], 0.0f32);
         for texel in cell.surroundings(self.lattice) {
-            let [r, g, b, valid] = self.texel(texel);
-            if valid > 0.0 {
+            let [r, g, b, stderr] = self.texel(texel);
+            if stderr >= 0.0 {
                 sum = [sum[0] + r, sum[1] + g, sum[2] + b];
                 count += 1.0;
             }

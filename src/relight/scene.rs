@@ -1,6 +1,6 @@
 //! Contraction of a scene's textures: environment in three channels, one texture a luminaire, and the level set's own light.
 
-use super::contract::{Contracted, NO_BRICK, Noise};
+use super::contract::{Contracted, NO_BRICK, NO_LEVEL_SET, Noise, UNBAKED};
 use super::{Light, Material};
 use crate::error::{Error, Result};
 use crate::transfer::{BRICK_TEXELS, BrickSource, BrickView, Layers, MAX_LAYERS, validity};
@@ -64,13 +64,11 @@ pub fn contract_scene(
     for (slot, b) in bricks.iter().enumerate() {
         slots[b[0] + bx * (b[1] + by * b[2])] = slot as u32;
     }
-    let mut radiance = vec![[0.0, 0.0, 0.0, -1.0]; bricks.len() * BRICK_TEXELS];
-    let mut stderr = vec![0.0f32; radiance.len()];
+    let mut radiance = vec![[0.0, 0.0, 0.0, UNBAKED]; bricks.len() * BRICK_TEXELS];
     let totals = radiance
         .par_chunks_mut(BRICK_TEXELS)
-        .zip(stderr.par_chunks_mut(BRICK_TEXELS))
         .zip(bricks)
-        .map(|((out, errors), &index)| {
+        .map(|(out, &index)| {
             let (Some(of_environment), Some(of_emission)) = (environment.brick(index)?, emission.brick(index)?) else {
                 return Ok([0.0; 4]);
             };
@@ -79,7 +77,7 @@ pub fn contract_scene(
                 let Some(view) = l.texture.brick(index)? else { return Ok([0.0; 4]) };
                 of_luminaires.push((view, l.factor));
             }
-            Ok(weights.brick(&of_environment, &of_emission, &of_luminaires, out, errors))
+            Ok(weights.brick(&of_environment, &of_emission, &of_luminaires, out))
         })
         .collect::<Result<Vec<[f64; 4]>>>()?;
     let mut sum = [0.0f64; 4];
@@ -89,7 +87,7 @@ pub fn contract_scene(
     }
     let n = sum[2].max(1.0);
     let noise = Noise { rms: (sum[0] / n).sqrt(), mean_radiance: sum[1] / n, texels: sum[2] as u64 };
-    Ok(Contracted { lattice: layout.lattice, slots, radiance, stderr, noise, emission_remainder: sum[3] as f32 })
+    Ok(Contracted { lattice: layout.lattice, slots, radiance, noise, emission_remainder: sum[3] as f32 })
 }
 
 impl SceneWeights {
@@ -123,7 +121,6 @@ impl SceneWeights {
         emission: &BrickView<'_>,
         luminaires: &[(BrickView<'_>, [f64; 3])],
         out: &mut [[f32; 4]],
-        errors: &mut [f32],
     ) -> [f64; 4] {
         let layers = &self.layers;
         let (count, coefficients, bands) = (layers.len(), layers.coefficients(), layers.errors());
@@ -131,7 +128,7 @@ impl SceneWeights {
         for (t, out) in out.iter_mut().enumerate() {
             let transfer = &environment.transfer[t * coefficients..(t + 1) * coefficients];
             if environment.validity[t] & validity::VALID == 0 {
-                *out = [0.0, 0.0, 0.0, if transfer[0].is_nan() { -1.0 } else { 0.0 }];
+                *out = [0.0, 0.0, 0.0, if transfer[0].is_nan() { UNBAKED } else { NO_LEVEL_SET }];
                 continue;
             }
             // What each layer brings, with its albedo.
@@ -180,8 +177,7 @@ impl SceneWeights {
                     }
                 }
             }
-            *out = [rgb[0] as f32, rgb[1] as f32, rgb[2] as f32, 1.0];
-            errors[t] = variance.sqrt() as f32;
+            *out = [rgb[0] as f32, rgb[1] as f32, rgb[2] as f32, variance.sqrt() as f32];
             totals[0] += variance;
             totals[1] += (rgb[0] + rgb[1] + rgb[2]) / 3.0;
             totals[2] += 1.0;

@@ -1,6 +1,6 @@
 //! The slow twin of contraction: one texel at a time, as the formulas stand.
 
-use super::contract::{Weights, contract};
+use super::contract::{NO_LEVEL_SET, UNBAKED, Weights, contract};
 use super::noise::{ELSEWHERE, NO_DIRECTIONS, ROOT_FOUR_PI};
 use super::{Light, Material, Tail};
 use crate::sampling::hash::uniform;
@@ -153,17 +153,16 @@ fn blocks_give_the_bits_of_single_texels() {
                 let mut of_brick = 0.0;
                 for t in 0..BRICK_TEXELS {
                     let transfer: Vec<f32> = view.transfer[t * n..(t + 1) * n].iter().map(|v| v.to_f32()).collect();
-                    let [r, g, b, weight] = found.radiance[slot * BRICK_TEXELS + t];
-                    let stderr = found.stderr[slot * BRICK_TEXELS + t];
+                    let [r, g, b, stderr] = found.radiance[slot * BRICK_TEXELS + t];
                     if view.validity[t] == 0 {
-                        let expected = if transfer[0].is_nan() { -1.0 } else { 0.0 };
-                        assert_eq!(([r, g, b, weight], stderr), ([0.0, 0.0, 0.0, expected], 0.0));
+                        let expected = if transfer[0].is_nan() { UNBAKED } else { NO_LEVEL_SET };
+                        assert_eq!([r, g, b, stderr], [0.0, 0.0, 0.0, expected]);
                         continue;
                     }
                     let twin = texel(&weights, &transfer, &view.stderr[t * e..(t + 1) * e], &layers);
                     assert_eq!(
-                        [r, g, b, weight, stderr].map(f32::to_bits),
-                        [twin.rgb.x, twin.rgb.y, twin.rgb.z, 1.0, twin.variance.sqrt()].map(f32::to_bits),
+                        [r, g, b, stderr].map(f32::to_bits),
+                        [twin.rgb.x, twin.rgb.y, twin.rgb.z, twin.variance.sqrt()].map(f32::to_bits),
                         "{bands:?}, one in {one_in}, texel {t}: {:?} {:?}",
                         [r, g, b, stderr],
                         twin.rgb
