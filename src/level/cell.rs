@@ -87,7 +87,6 @@ fn normalised(b: &Cubic) -> Cubic {
 ///
 /// Guarantee: if the polynomial with these coefficients is > 0 anywhere on [0, 1] by more than
 /// rounding (about 4 ulp of its largest coefficient), a crossing is found, and it is the first.
-/// After at most 2 splits.
 #[inline(always)]
 pub fn first_rise(b: &Cubic) -> Option<Bracket> {
     if b[0] > 0.0 {

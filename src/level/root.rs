@@ -36,7 +36,8 @@ pub(super) fn evaluate(b: &Cubic, t: f32) -> (f32, f32) {
 }
 
 impl Bracket {
-    /// The root: found within 2⁻²² of the segment.
+    /// The root: the bracket shrinks below 2⁻²² of the segment, or Newton's last step is shorter than 2⁻¹⁴ of it, which
+    /// leaves its square behind. An empty bracket gives its place.
     pub fn root(&self) -> f32 {
         let Self { cubic: b, mut low, mut high } = *self;
         // Most brackets hold a nearly straight piece: begin where the chord crosses 0, but clear of the ends, where
@@ -73,10 +74,8 @@ impl Bracket {
     }
 }
 
-const GROUPS: usize = 2;
-
-/// Brackets that [`roots`] works on together.
-pub(super) const LANES: usize = 4 * GROUPS;
+/// Brackets that [`roots`] works on together: two vectors of four, so that one is worked on while the other waits.
+pub(super) const LANES: usize = 8;
 
 /// The [`Bracket::root`] of each bracket.
 #[inline(always)]

@@ -4,6 +4,7 @@
 //! control variate, whose noise has both signs, or the rounding of the stored transfer.
 
 use super::Contracted;
+use super::contract::has_radiance;
 use crate::transfer::BRICK_TEXELS;
 use rayon::prelude::*;
 
@@ -55,7 +56,7 @@ impl Contracted {
 
 fn clamp_brick(brick: &mut [[f32; 4]]) -> Sums {
     let mut sums = Sums::default();
-    for texel in brick.iter_mut().filter(|t| t[3] >= 0.0) {
+    for texel in brick.iter_mut().filter(|t| has_radiance(t[3])) {
         sums.of_texels += 1;
         sums.texels += u64::from(texel[..3].iter().any(|&v| v < 0.0));
         for value in &mut texel[..3] {

@@ -53,6 +53,13 @@ pub(super) const NO_LEVEL_SET: f32 = -1.0;
 /// In place of the standard error: the texel was never baked, or is not contracted.
 pub(super) const UNBAKED: f32 = -2.0;
 
+/// Whether a texel with this standard error has radiance. One that is not a number, under light so bright that its
+/// square is beyond the type, still has.
+#[inline(always)]
+pub(super) fn has_radiance(stderr: f32) -> bool {
+    stderr != NO_LEVEL_SET && stderr != UNBAKED
+}
+
 /// The weights of one contraction.
 pub(super) struct Weights {
     // Per coefficient: ρ^(k+1) L_i for the three channels, zero where the light has no such band; and what

@@ -1,6 +1,6 @@
 //! Trilinear lookup of contracted radiance, over the texels that have any.
 
-use super::contract::UNBAKED;
+use super::contract::{UNBAKED, has_radiance};
 use super::{Contracted, Light, Material};
 use crate::transfer::Lattice;
 use rayon::prelude::*;
@@ -150,7 +150,7 @@ impl Contracted {
         let (mut weights, mut missing, mut unbaked) = (0.0f32, false, false);
         for (texel, w) in cell.corners() {
             let [r, g, b, stderr] = self.texel(texel);
-            if stderr >= 0.0 {
+            if has_radiance(stderr) {
                 sum[0] += w * r;
                 sum[1] += w * g;
                 sum[2] += w * b;
@@ -186,7 +186,7 @@ impl Contracted {
         let (mut variance, mut weights) = (0.0f32, 0.0f32);
         for (texel, w) in Cell::around(self.lattice, position_in_grid).corners() {
             let stderr = self.texel(texel)[3];
-            if stderr >= 0.0 {
+            if has_radiance(stderr) {
                 let error = w * stderr;
                 variance += error * error;
                 weights += w;
@@ -200,7 +200,7 @@ impl Contracted {
         let (mut sum, mut count) = ([0.0f32; 3], 0.0f32);
         for texel in cell.surroundings(self.lattice) {
             let [r, g, b, stderr] = self.texel(texel);
-            if stderr >= 0.0 {
+            if has_radiance(stderr) {
                 sum = [sum[0] + r, sum[1] + g, sum[2] + b];
                 count += 1.0;
             }

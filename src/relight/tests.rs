@@ -224,3 +224,29 @@ fn lights_and_materials_that_make_no_sense_are_refused() {
     rgb[3] = [0.0, 1.0, 0.0];
     assert_eq!(Light::new(rgb).unwrap().used_bands(0), 2);
 }
+
+/// Light whose square is beyond the type leaves the standard error of an open texel without a value, not the texel
+/// without radiance.
+#[test]
+fn texels_keep_their_radiance_under_light_of_any_brightness() {
+    let lattice = Lattice::from_texels([8, 8, 8], [8, 8, 8]).unwrap();
+    let layers = Layers::uniform(1, 1).unwrap();
+    let mut texture = MemoryTexture::new(Layout { lattice, layers: layers.clone() });
+    let mut brick = Brick::unbaked(&layers);
+    brick.transfer.fill(f16::from_f32(0.25));
+    brick.stderr.fill(f16::ZERO);
+    brick.validity.fill(validity::VALID);
+    texture.insert([0; 3], brick).unwrap();
+    let material = Material::new([1.0; 3], [0.0; 3]).unwrap();
+    for brightness in [1.0f32, 1e18, 1e25, 1e30] {
+        let light = Light::new(vec![[f64::from(brightness); 3]]).unwrap();
+        let contracted = contract(&texture, &[[0; 3]], &light, &material).unwrap();
+        let unknown = contracted.texel([3; 3])[3].is_nan();
+        assert_eq!(unknown, brightness > 1e19, "the case is what it is meant to be");
+        let found = contracted.look_up(&[[3.5; 3]], &[[0.0, 0.0, 1.0]], &light, &material);
+        assert_eq!((found.report.neighbourhood, found.report.unoccluded), (0, 0), "{brightness}");
+        // Eight weights, their products and sums: 24 roundings at most.
+        let error = found.radiance[0].map(|r| (r / (0.25 * brightness) - 1.0).abs());
+        assert!(error.iter().all(|e| *e <= 24.0 * f32::EPSILON), "{brightness}: {:?}", found.radiance);
+    }
+}
