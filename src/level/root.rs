@@ -58,8 +58,9 @@ impl Bracket {
             }
             let newton = t - f / slope;
             let width = (newton - t).abs();
-            // NaN or a step out of the bracket, or too slow: bisect, after which Newton may be fast again.
-            if newton > low && newton < high && width < 0.5 * last_width {
+            // NaN or a step out of the bracket, or too slow: bisect, after which Newton may be fast again. The ends belong
+            // to the bracket: once t is the root, the step is 0 and ends at the end that has just been set.
+            if newton >= low && newton <= high && width < 0.5 * last_width {
                 if width <= LAST_STEP {
                     return newton;
                 }
@@ -132,7 +133,7 @@ impl Lanes {
         let closed = (self.high - self.low).cmple(Vec4::splat(TOLERANCE));
         let newton = t - f / slope;
         let width = (newton - t).abs();
-        let good = newton.cmpgt(self.low) & newton.cmplt(self.high) & width.cmplt(Vec4::splat(0.5) * self.last_width);
+        let good = newton.cmpge(self.low) & newton.cmple(self.high) & width.cmplt(Vec4::splat(0.5) * self.last_width);
         let half = Vec4::splat(0.5) * (self.high - self.low);
         let next = Vec4::select(good, newton, self.low + half);
         self.last_width = Vec4::select(good, width, half);

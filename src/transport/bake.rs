@@ -128,6 +128,7 @@ pub(super) fn run<T: Sample>(
         }
         let mut outputs: Vec<Option<BrickOutput>> = (0..group.len() * BRICKS)
             .into_par_iter()
+            .with_max_len(1)
             .map_init(Scratch::default, |scratch, i| {
                 let (chunk, b) = (group[i / BRICKS], i % BRICKS);
                 let inner = [b % PER_SIDE, b / PER_SIDE % PER_SIDE, b / PER_SIDE / PER_SIDE];

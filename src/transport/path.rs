@@ -123,9 +123,9 @@ pub struct TexelEstimate {
     pub escape_stderr: f32,
     /// Whether all replicates gave the same a_0; then half of its 95 % interval is at least 3/N.
     pub degenerate: bool,
-    /// Rays that started into the solid and did not come out, and hits without a normal.
+    /// Rays that started into the solid and did not come out, and hits without a normal where a path goes on.
     pub lost: u32,
-    /// Paths still travelling after the last stored layer.
+    /// Paths that did not escape within the stored layers.
     pub trapped: u32,
     /// Paths that the estimate is made of.
     pub rays: u32,
@@ -344,7 +344,7 @@ fn extend<T: Sample>(
     scratch.alive.resize(REPLICATES * (last - first), Alive { point: 0, start: site.start, normal: site.normal });
     scratch.living = [last - first; REPLICATES];
     for k in 0..layers.len() {
-        bounce(field, site, k, &samplers, scratch, counts, &mut tally);
+        bounce(field, site, k, k + 1 == layers.len(), &samplers, scratch, counts, &mut tally);
         scratch.add_escaped(k, settings);
         if k == 0 {
             for (visible, escaped) in tally.visible.iter_mut().zip(&scratch.escaped) {
@@ -359,7 +359,8 @@ fn extend<T: Sample>(
     tally
 }
 
-/// Follows one ray of every living path, sorts out those that escape, and takes the others to where they hit.
+/// Follows one ray of every living path, sorts out those that escape, and takes the others to where they hit; after
+/// the last layer that no longer matters, and they stay where they were.
 ///
 /// Compiled for what processors have, with all that it calls. No variant uses fused multiply-add: all give the same
 /// bits.
@@ -371,6 +372,7 @@ fn bounce<T: Sample>(
     field: &LevelField<'_, T>,
     site: &Site,
     k: usize,
+    is_last: bool,
     samplers: &[PathSampler; REPLICATES],
     scratch: &mut Scratch,
     counts: &mut Counts,
@@ -401,6 +403,7 @@ fn bounce<T: Sample>(
                     escaped[replicate].push(direction);
                     continue;
                 }
+                Outcome::Hit(_) if is_last => {}
                 Outcome::Hit(crossing) => {
                     crossings.push(crossing);
                     crossed.push((kept, replicate));
@@ -413,6 +416,9 @@ fn bounce<T: Sample>(
             alive[kept] = path;
             survivors[replicate] += 1;
             kept += 1;
+        }
+        if is_last {
+            continue;
         }
         hits.clear();
         Crossing::hits(crossings, hits);

@@ -18,7 +18,8 @@ pub struct ReplayedPath {
     pub vertices_in_grid: Vec<[f32; 3]>,
     /// World direction of the last ray.
     pub last_direction_in_world: [f32; 3],
-    /// "escaped", "trapped" (after the last stored layer), or "lost" (at a hit without a normal).
+    /// "escaped", "trapped" (after the last stored layer), or "lost" (at a hit without a normal before
+    /// the last layer).
     pub ended: &'static str,
 }
 
@@ -59,7 +60,8 @@ pub fn replay<T: Sample>(field: &LevelField<'_, T>, site: &Site, item: u64, sett
                         left.push((index, next));
                     }
                     None if outcome == Outcome::Escaped => record.ended = "escaped",
-                    None => record.ended = "lost",
+                    None if k + 1 < settings.layers.len() => record.ended = "lost",
+                    None => {}
                 }
             }
             alive = left;

@@ -157,6 +157,7 @@ fn run<T: Sample>(
         let before = part.iter().map(|&chunk| present(chunk)).collect::<Result<Vec<_>>>()?;
         let mut outputs: Vec<Option<(Vec<Brick>, SceneSummary)>> = (0..part.len() * BRICKS)
             .into_par_iter()
+            .with_max_len(1)
             .map_init(Found::default, |found, i| {
                 let (chunk, b) = (part[i / BRICKS], i % BRICKS);
                 let inner = [b % PER_SIDE, b / PER_SIDE % PER_SIDE, b / PER_SIDE / PER_SIDE];
