@@ -28,7 +28,7 @@ const WHOLE: f32 = 12_582_912.0;
 const X: BVec4A = BVec4A::new(true, false, false, false);
 const XY: BVec4A = BVec4A::new(true, true, false, false);
 
-/// One axis, as a mask of lanes.
+/// One axis or none, as a mask of lanes.
 pub(super) type Axis = BVec4A;
 
 /// The axis of the plane that comes first; in a tie x before y before z.
@@ -38,11 +38,30 @@ pub(super) fn first(far: Vec4) -> Axis {
     (far.cmplt(one) | (far.cmple(one) & X)) & (far.cmplt(other) | (far.cmple(other) & XY))
 }
 
-/// 0, 1, 2 for x, y, z.
-#[inline(always)]
-pub(super) fn number(axis: Axis) -> usize {
-    // The bits are 1, 2 or 4.
-    (axis.bitmask() >> 1) as usize
+/// What is added to an index for a ray's step along an axis; for none it is 0, which saves a branch.
+pub(super) struct Steps([usize; 8]);
+
+impl Steps {
+    /// For rays of an octant (bit a set: falling along axis a), given the strides of the index.
+    #[inline(always)]
+    pub(super) fn new(strides: [usize; 3], octant: usize) -> Self {
+        let signed = |a: usize| if octant >> a & 1 == 1 { strides[a].wrapping_neg() } else { strides[a] };
+        Self([0, signed(0), signed(1), 0, signed(2), 0, 0, 0])
+    }
+
+    /// One step along the axis, or none.
+    #[inline(always)]
+    pub(super) fn along(&self, axis: Axis) -> usize {
+        // The bits are 0, 1, 2 or 4.
+        self.0[(axis.bitmask() & 7) as usize]
+    }
+
+    /// So many steps along each axis.
+    #[inline(always)]
+    pub(super) fn times(&self, [x, y, z]: [i32; 3]) -> usize {
+        let along = |bits: usize, count: i32| self.0[bits].wrapping_mul(count as usize);
+        along(1, x).wrapping_add(along(2, y)).wrapping_add(along(4, z))
+    }
 }
 
 /// The three whole numbers in a vector.
@@ -180,10 +199,11 @@ impl March {
         self.local(t, axis, self.upper)
     }
 
-    /// Steps into the next cell through `axis` at `t`, and says whether it is behind the edge of the block.
+    /// Steps into the next cell through `axis` at `t`. Gives the axis if the cell is behind the edge of the block, else
+    /// none.
     #[inline(always)]
-    pub(super) fn cross(&mut self, t: f32, axis: Axis) -> bool {
-        let left = (self.plane.cmpeq(self.edge) & axis).any();
+    pub(super) fn cross(&mut self, t: f32, axis: Axis) -> Axis {
+        let left = self.plane.cmpeq(self.edge) & axis;
         self.entered_at = t;
         self.entered = axis;
         self.far = Vec4::select(axis, self.next, self.far);
@@ -192,7 +212,8 @@ impl March {
         left
     }
 
-    /// Goes on to the block behind the edge of `axis` that was just crossed; `false` behind the border of the box.
+    /// Goes on to the block behind the edge of `axis` that was just crossed, if any was; `false` behind the border of the
+    /// box.
     #[inline(always)]
     pub(super) fn next_block(&mut self, axis: Axis) -> bool {
         if (self.edge.cmpeq(self.border) & axis).any() {

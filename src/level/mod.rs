@@ -34,7 +34,7 @@ pub use horizon::{Horizon, MOST_BLOCKS, SLOPE};
 pub use pyramid::{BLOCK_SHIFT, Pyramid};
 pub use root::Bracket;
 pub use texel::Site;
-pub use trace::{Counts, Crossing, Hit, Outcome, Start, trace_all};
+pub use trace::{Counts, Crossing, Hit, LevelSet, Outcome, Start, trace_all};
 
 use crate::geom::Normal;
 use crate::volume::{Sample, Volume};

@@ -1,8 +1,7 @@
 //! Minimum and maximum of blocks of cells, for skipping what a ray of a given isovalue cannot hit.
 
-use super::cone::{Ahead, Cone};
+use super::cone::Ahead;
 use crate::volume::{Sample, Volume, with_samples};
-use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::OnceLock;
 
@@ -33,12 +32,6 @@ impl Level {
     #[inline(always)]
     pub(crate) fn index(&self, block: [usize; 3]) -> usize {
         block[0] + self.dims[0] * (block[1] + self.dims[1] * block[2])
-    }
-
-    /// From a block to the next along each axis, for a ray of this octant.
-    #[inline(always)]
-    pub(super) fn strides(&self, octant: usize) -> [usize; 3] {
-        signed_strides([1, self.dims[0], self.dims[0] * self.dims[1]], octant)
     }
 }
 
@@ -90,12 +83,6 @@ impl Pyramid {
         &self.blocks
     }
 
-    /// The cone of a ray's direction.
-    #[inline(always)]
-    pub(super) fn cone(&self, octant: usize, slope: Vec3) -> Cone {
-        Cone::of(octant, slope)
-    }
-
     /// What lies ahead of rays.
     #[inline(always)]
     pub(super) fn ahead(&self) -> &Ahead {
@@ -108,11 +95,4 @@ impl Pyramid {
         let at = level.index(cell.map(|c| c >> BLOCK_SHIFT));
         (level.min[at], level.max[at])
     }
-}
-
-/// Strides of an index, turned where a ray of this octant falls.
-#[inline(always)]
-pub(super) fn signed_strides(strides: [usize; 3], octant: usize) -> [usize; 3] {
-    let signed = |a: usize| if octant >> a & 1 == 1 { strides[a].wrapping_neg() } else { strides[a] };
-    [signed(0), signed(1), signed(2)]
 }

@@ -1,8 +1,9 @@
 //! The march of a ray to its first hit on its own level set.
 
 use super::cell::{self, Cubic};
-use super::march::{self, Axis, March};
-use super::pyramid::signed_strides;
+use super::cone::{Ahead, Cone};
+use super::march::{self, Axis, March, Steps};
+use super::pyramid::Level;
 use super::root::{self, Bracket};
 use super::{BLOCK_SHIFT, CellPoint, LevelField, Rows};
 use crate::volume::Sample;
@@ -141,7 +142,34 @@ enum Crossed {
     Rise(f32, Bracket),
 }
 
+/// The level set of one isovalue, with what all its rays look up.
+pub struct LevelSet<'f, T> {
+    field: &'f LevelField<'f, T>,
+    isovalue: f32,
+    // s·isovalue.
+    signed: f32,
+    rows: Rows<'f, T>,
+    blocks: &'f Level,
+    ahead: &'f Ahead,
+    rank: f32,
+}
+
 impl<T: Sample> LevelField<'_, T> {
+    /// The level set of a raw isovalue.
+    #[inline(always)]
+    pub fn level_set(&self, isovalue: f32) -> LevelSet<'_, T> {
+        let (signed, ahead) = (self.sign * isovalue, self.pyramid.ahead());
+        LevelSet {
+            field: self,
+            isovalue,
+            signed,
+            rows: self.shifted_rows(),
+            blocks: self.pyramid.blocks(),
+            ahead,
+            rank: ahead.rank(signed),
+        }
+    }
+
     /// Follows a ray from `start` along `direction` (grid space, any length, not zero) through the
     /// level set of the raw isovalue `isovalue` to its first hit.
     ///
@@ -149,50 +177,41 @@ impl<T: Sample> LevelField<'_, T> {
     /// beyond rounding; components below 2⁻¹⁰⁰ of the largest count as 0.
     #[inline]
     pub fn trace(&self, isovalue: f32, start: &Start, direction: Vec3, counts: &mut Counts) -> Outcome {
-        match self.first_crossing(isovalue, start, direction, counts) {
+        match self.level_set(isovalue).first_crossing(start, direction, counts) {
             Outcome::Escaped => Outcome::Escaped,
             Outcome::Hit(crossing) => Outcome::Hit(crossing.hit()),
             Outcome::Lost => Outcome::Lost,
         }
     }
+}
 
-    /// As [`Self::trace`], but leaves the place of the hit to [`Crossing::hits`], which finds those of several rays
+impl<T: Sample> LevelSet<'_, T> {
+    /// As [`LevelField::trace`], but leaves the place of the hit to [`Crossing::hits`], which finds those of several rays
     /// together.
     #[inline(always)]
-    pub fn first_crossing(
-        &self,
-        isovalue: f32,
-        start: &Start,
-        direction: Vec3,
-        counts: &mut Counts,
-    ) -> Outcome<Crossing> {
+    pub fn first_crossing(&self, start: &Start, direction: Vec3, counts: &mut Counts) -> Outcome<Crossing> {
         counts.rays += 1;
-        let signed = self.sign * isovalue;
-        let mut march = March::new(&start.at, direction, self.dims);
+        let (field, signed, blocks) = (self.field, self.signed, self.blocks);
+        let mut march = March::new(&start.at, direction, field.dims);
         let octant = march.octant();
-        let first_sample = self.sample_index(&start.at.cell.to_array());
-        let stride = self.strides(octant);
-        let rows = self.shifted_rows();
-        let blocks = self.pyramid.blocks();
-        let first_block = blocks.index(start.at.cell.to_array().map(|c| (c >> BLOCK_SHIFT) as usize));
-        let block_stride = blocks.strides(octant);
-        let bin = self.pyramid.cone(octant, march.slope());
-        let ahead = self.pyramid.ahead();
-        let level = ahead.rank(signed);
+        let first_sample = field.sample_index(&start.at.cell.to_array());
+        let sample_steps = Steps::new([1, field.rows[1], field.rows[2]], octant);
+        let block_steps = Steps::new([1, blocks.dims[0], blocks.dims[0] * blocks.dims[1]], octant);
+        let cone = Cone::of(octant, march.slope());
         let mut sample = first_sample;
-        let mut block = first_block;
+        let mut block = blocks.index(start.at.cell.to_array().map(|c| (c >> BLOCK_SHIFT) as usize));
         let mut side = if start.on_surface { Side::Start } else { Side::Unknown };
         let mut buried = 0u32;
         loop {
-            // Cell by cell to the border of the smallest block.
+            // Cell by cell until it comes into a block that holds nothing solid. Most rays leave a block after a number of
+            // cells that no processor foretells, so that is no branch.
             loop {
                 let axis = march::first(march.far);
                 let t = march.far.min_element();
                 if side == Side::Out {
                     counts.cells += 1;
-                    if self.may_hold_solid(rows, sample, signed)
-                        && let Passed::Hit(crossing) =
-                            self.pass_cell(&march, rows, sample, t, axis, isovalue, side, counts)
+                    if self.may_hold_solid(sample)
+                        && let Passed::Hit(crossing) = self.pass_cell(&march, sample, t, axis, side, counts)
                     {
                         return Outcome::Hit(crossing);
                     }
@@ -201,7 +220,7 @@ impl<T: Sample> LevelField<'_, T> {
                     // On the surface and not moved yet: nothing is decided in a cell of no length.
                     if moved || side != Side::Start {
                         counts.cells += 1;
-                        match self.pass_cell(&march, rows, sample, t, axis, isovalue, side, counts) {
+                        match self.pass_cell(&march, sample, t, axis, side, counts) {
                             Passed::Hit(crossing) => return Outcome::Hit(crossing),
                             Passed::On(next) => side = next,
                         }
@@ -214,56 +233,47 @@ impl<T: Sample> LevelField<'_, T> {
                         }
                     }
                 }
-                sample = sample.wrapping_add(stride[march::number(axis)]);
-                if march.cross(t, axis) {
-                    if !march.next_block(axis) {
-                        // The border is open to light, not to the solid: photons that would enter here are discarded.
-                        return if side == Side::In { Outcome::Lost } else { Outcome::Escaped };
-                    }
-                    block = block.wrapping_add(block_stride[march::number(axis)]);
-                    if side == Side::Out {
+                sample = sample.wrapping_add(sample_steps.along(axis));
+                let left = march.cross(t, axis);
+                if !march.next_block(left) {
+                    // The border is open to light, not to the solid: photons that would enter here are discarded.
+                    return if side == Side::In { Outcome::Lost } else { Outcome::Escaped };
+                }
+                block = block.wrapping_add(block_steps.along(left));
+                if side == Side::Out {
+                    counts.nodes += u64::from(left.bitmask().count_ones());
+                    if blocks.max[block] <= signed {
                         break;
                     }
                 }
             }
             // Block by block while they hold nothing solid.
-            let mut skipped = false;
             loop {
-                counts.nodes += 1;
-                if blocks.max[block] > signed {
-                    break;
-                }
-                if ahead.nothing(block, bin, level) {
+                if self.ahead.nothing(block, cone, self.rank) {
                     return Outcome::Escaped;
                 }
                 let axis = march.cross_block();
                 if !march.next_block(axis) {
                     return Outcome::Escaped;
                 }
-                block = block.wrapping_add(block_stride[march::number(axis)]);
-                skipped = true;
+                block = block.wrapping_add(block_steps.along(axis));
+                counts.nodes += 1;
+                if blocks.max[block] > signed {
+                    break;
+                }
             }
-            if skipped {
-                march.enter();
-                let passed = march.passed();
-                sample = (0..3).fold(first_sample, |s, a| s.wrapping_add((passed[a] as usize).wrapping_mul(stride[a])));
-            }
+            march.enter();
+            sample = first_sample.wrapping_add(sample_steps.times(march.passed()));
         }
     }
 
-    /// Samples from a cell to the next along each axis.
+    /// Whether a sample of the cell with this first sample is above the isovalue.
     #[inline(always)]
-    fn strides(&self, octant: usize) -> [usize; 3] {
-        signed_strides([1, self.rows[1], self.rows[2]], octant)
-    }
-
-    /// Whether a sample of the cell with this first sample is above `signed`.
-    #[inline(always)]
-    fn may_hold_solid(&self, rows: Rows<'_, T>, sample: usize, signed: f32) -> bool {
-        let (low, high) = rows.corners(sample);
+    fn may_hold_solid(&self, sample: usize) -> bool {
+        let (low, high) = self.rows.corners(sample);
         // raw − c > 0 is raw > c in every case, and so with both signs turned.
-        let (low, high) = (low * self.sign, high * self.sign);
-        low.max(high).cmpgt(Vec4::splat(signed)).any()
+        let (low, high) = (low * self.field.sign, high * self.field.sign);
+        low.max(high).cmpgt(Vec4::splat(self.signed)).any()
     }
 
     /// Carries the side through the cell that the march is in, with its first sample at index
@@ -272,17 +282,15 @@ impl<T: Sample> LevelField<'_, T> {
     fn pass_cell(
         &self,
         march: &March,
-        rows: Rows<'_, T>,
         sample: usize,
         t: f32,
         axis: Axis,
-        isovalue: f32,
         side: Side,
         counts: &mut Counts,
     ) -> Passed {
-        let (low, high) = rows.corners(sample);
-        let c = Vec4::splat(isovalue);
-        let (low, high) = ((low - c) * self.sign, (high - c) * self.sign);
+        let (low, high) = self.rows.corners(sample);
+        let c = Vec4::splat(self.isovalue);
+        let (low, high) = ((low - c) * self.field.sign, (high - c) * self.field.sign);
         counts.solves += 1;
         let entry = march.entry();
         let exit = march.exit_at(t, axis);
@@ -314,13 +322,14 @@ pub fn trace_all<T: Sample>(
     counts: &mut Counts,
     outcomes: &mut Vec<Outcome>,
 ) {
+    let level_set = field.level_set(isovalue);
     let (mut crossings, mut hits) = (Vec::with_capacity(BLOCK), Vec::with_capacity(BLOCK));
     for block in rays.chunks(BLOCK) {
         crossings.clear();
         hits.clear();
         let first = outcomes.len();
         for (start, direction) in block {
-            outcomes.push(match field.first_crossing(isovalue, start, *direction, counts) {
+            outcomes.push(match level_set.first_crossing(start, *direction, counts) {
                 Outcome::Escaped => Outcome::Escaped,
                 Outcome::Lost => Outcome::Lost,
                 Outcome::Hit(crossing) => {

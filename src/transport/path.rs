@@ -382,7 +382,7 @@ fn bounce<T: Sample>(
     let Scratch { alive, living, locals, escaped, blocked, crossings, crossed, hits, .. } = scratch;
     escaped.iter_mut().for_each(Vec::clear);
     blocked.iter_mut().for_each(Vec::clear);
-    let frame_at_texel = Frame::around(site.normal);
+    let (level_set, frame_at_texel) = (field.level_set(site.isovalue), Frame::around(site.normal));
     let (mut replicate, mut end, mut kept) = (0, living[0], 0);
     let mut survivors = [0; REPLICATES];
     for block in (0..alive.len()).step_by(BLOCK) {
@@ -398,7 +398,7 @@ fn bounce<T: Sample>(
             let frame = if k == 0 { frame_at_texel } else { Frame::around(path.normal) };
             let direction = frame.from_local(locals[i]);
             let in_grid = field.direction_in_grid(direction);
-            match field.first_crossing(site.isovalue, &path.start, in_grid, counts) {
+            match level_set.first_crossing(&path.start, in_grid, counts) {
                 Outcome::Escaped => {
                     escaped[replicate].push(direction);
                     continue;
