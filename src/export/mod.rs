@@ -36,6 +36,7 @@ pub use image::Image;
 use crate::error::{Error, Result};
 use crate::geom::{Bounds, Up};
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 /// Vertex positions, in world units.
 #[derive(Clone, Copy, Debug)]
@@ -177,7 +178,8 @@ impl ExportMesh<'_> {
             return Err(Error::argument("metres per unit", metres, "a positive finite number", "leave it unknown"));
         }
         let count = self.positions.len() as u32;
-        if let Some(t) = self.triangles.iter().position(|t| t.iter().any(|&i| i >= count)) {
+        let triangles = self.triangles.par_iter().with_min_len(TASK);
+        if let Some(t) = triangles.position_first(|t| t.iter().any(|&i| i >= count)) {
             return Err(Error::argument(
                 "mesh triangles",
                 format!("vertices {:?} in triangle {t}", self.triangles[t]),
@@ -257,19 +259,16 @@ fn check_each(
     name: &'static str,
     count: u32,
     expected: &'static str,
-    fault: impl Fn(usize) -> Option<String>,
+    fault: impl Fn(usize) -> Option<String> + Sync,
 ) -> Result<()> {
-    for vertex in 0..count as usize {
-        if let Some(found) = fault(vertex) {
-            return Err(Error::argument(
-                name,
-                format!("{found} at vertex {vertex}"),
-                expected,
-                "correct the values before export",
-            ));
+    let vertices = (0..count as usize).into_par_iter().with_min_len(TASK);
+    match vertices.find_map_first(|vertex| fault(vertex).map(|found| (vertex, found))) {
+        None => Ok(()),
+        Some((vertex, found)) => {
+            let found = format!("{found} at vertex {vertex}");
+            Err(Error::argument(name, found, expected, "correct the values before export"))
         }
     }
-    Ok(())
 }
 
 /// A failed write to a stream; the path is added by [`Error::in_file`] where it is known.
@@ -277,24 +276,27 @@ fn write_error(source: std::io::Error) -> Error {
     Error::io("", "write", source)
 }
 
-/// Bytes made between two calls of the stream: as much as a second-level cache holds, and more
-/// than the buffer of [`atomic::write`], which it therefore passes by.
-const STREAM_BUFFER: usize = 1 << 18;
+/// Bytes made between two calls of the stream: enough work for all threads, and more than the buffer of
+/// [`atomic::write`], which it therefore passes by.
+const STREAM_BUFFER: usize = 1 << 21;
+
+/// Records that one task makes.
+const TASK: usize = 4096;
 
 /// Writes `count` records of N bytes through a buffer of its own, so that a plain `File` is as
 /// fast as a `BufWriter`.
 fn write_records<const N: usize>(
     w: &mut (impl std::io::Write + ?Sized),
     count: usize,
-    record: impl Fn(usize) -> [u8; N],
+    record: impl Fn(usize) -> [u8; N] + Sync,
 ) -> Result<()> {
     let at_once = STREAM_BUFFER / N;
     let mut buffer = vec![[0; N]; at_once.min(count)];
     for start in (0..count).step_by(at_once) {
         let part = &mut buffer[..at_once.min(count - start)];
-        for (index, bytes) in part.iter_mut().enumerate() {
-            *bytes = record(start + index);
-        }
+        part.par_chunks_mut(TASK).enumerate().for_each(|(i, task)| {
+            task.iter_mut().zip(start + i * TASK..).for_each(|(bytes, index)| *bytes = record(index));
+        });
         w.write_all(part.as_flattened()).map_err(write_error)?;
     }
     Ok(())

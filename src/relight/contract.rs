@@ -185,6 +185,9 @@ impl Room {
     }
 }
 
+/// Bricks that one task contracts at most: what a thread has begun no other can take over.
+const TASK: usize = 32;
+
 /// What one brick gave.
 #[derive(Clone, Copy, Default)]
 struct BrickTotals {
@@ -221,6 +224,7 @@ pub fn contract(
     let totals = radiance
         .par_chunks_mut(BRICK_TEXELS)
         .zip(bricks)
+        .with_max_len(TASK)
         .map_init(
             || Room::new(layers),
             |room, (out, &index)| {

@@ -122,6 +122,7 @@ impl Contracted {
         let reports: Vec<LookupReport> = radiance
             .par_chunks_mut(TASK)
             .zip(positions_in_grid.par_chunks(TASK).zip(normals_in_world.par_chunks(TASK)))
+            .with_max_len(1)
             .map(|(out, (positions, normals))| {
                 let mut report = LookupReport::default();
                 for i in 0..out.len() {
@@ -179,7 +180,7 @@ impl Contracted {
     /// Texels are independent, so that of an interpolated radiance Σ w_i R_i is sqrt(Σ w_i² σ_i²): smaller than
     /// the texels' own. Where a lookup falls back, it is the root mean square over the contraction.
     pub fn look_up_errors(&self, positions_in_grid: &[[f32; 3]]) -> Vec<f32> {
-        positions_in_grid.par_iter().with_min_len(TASK).map(|&p| self.stderr_at(p)).collect()
+        positions_in_grid.par_iter().with_min_len(TASK).with_max_len(2 * TASK).map(|&p| self.stderr_at(p)).collect()
     }
 
     fn stderr_at(&self, position_in_grid: [f32; 3]) -> f32 {

@@ -96,7 +96,8 @@ pub(super) fn level_set<S: Sample>(
         slabs.push((range, own_positions, own_triangles));
     }
     let layers = &surface.layers;
-    slabs.into_par_iter().for_each(|(range, positions, triangles)| grid.fill_slab(range, layers, positions, triangles));
+    let slabs = slabs.into_par_iter().with_max_len(1);
+    slabs.for_each(|(range, positions, triangles)| grid.fill_slab(range, layers, positions, triangles));
     Ok(surface)
 }
 

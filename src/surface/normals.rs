@@ -21,7 +21,8 @@ pub(super) fn normals(
     };
     // A run of vertices for each task; NaN marks what has to be replaced.
     let mut normals = vec![[0.0; 3]; surface.positions.len()];
-    normals.par_chunks_mut(1024).zip(surface.positions.par_chunks(1024)).for_each(|(normals, positions)| {
+    let runs = normals.par_chunks_mut(1024).zip(surface.positions.par_chunks(1024)).with_max_len(1);
+    runs.for_each(|(normals, positions)| {
         for (normal, &position) in normals.iter_mut().zip(positions) {
             let given = Direction::new(Vec3::from(normal_at(position)));
             *normal = given.map_or([f32::NAN; 3], |d| d.vec().to_array());

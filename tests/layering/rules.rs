@@ -137,6 +137,7 @@ pub const RAYON_FILES: &[(&str, &str)] = &[
     ("src/surface/", "slabs of cells"),
     ("src/relight/", "bricks to contract, vertices to look up"),
     ("src/render/", "rows of a picture"),
+    ("src/export/mod.rs", "records of a stream"),
     ("src/cli/", "the pool of threads"),
 ];
 

@@ -142,6 +142,11 @@ impl Context<'_> {
         }
         times.look_up = start.elapsed();
         let exposure = c.material.exposure.factor(&lit.radiance);
+        let negative = || lit.radiance.iter().filter(|v| v.iter().any(|&x| x < 0.0)).count() as u64;
+        let (error, (rms_over_mean, negative)) = rayon::join(
+            || SurfaceError::new(&lit.radiance, &errors),
+            || (rms_over_mean(&lit.radiance, &errors), negative()),
+        );
         let mut written = Written {
             target,
             isovalue,
@@ -149,10 +154,10 @@ impl Context<'_> {
             times,
             image: None,
             report: lit.report,
-            error: SurfaceError::new(&lit.radiance, &errors),
-            rms_over_mean: rms_over_mean(&lit.radiance, &errors),
+            error,
+            rms_over_mean,
             exposure,
-            negative: lit.radiance.iter().filter(|v| v.iter().any(|&x| x < 0.0)).count() as u64,
+            negative,
             remainder: contracted.emission_remainder,
             camera: Counts::default(),
             sun_rays,

@@ -76,11 +76,16 @@ impl Members {
             Some(name) => self.0.iter().position(|m| m.coupling.name == *name).ok_or_else(|| self.unknown(name))?,
         };
         let of = &self.0[from];
-        let held = of.store.holdings()?;
-        let only = held.isovalues.first().filter(|_| !held.all);
-        let chosen = match (named.isovalue, only) {
-            (Isovalue::Auto, Some(&value)) => Chosen { value, reason: Some("the store holds it".into()) },
-            (isovalue, _) => isovalue.resolve(&of.volume, None)?,
+        let only = match named.isovalue {
+            Isovalue::Auto => {
+                let held = of.store.holdings()?;
+                held.isovalues.first().copied().filter(|_| !held.all)
+            }
+            _ => None,
+        };
+        let chosen = match only {
+            Some(value) => Chosen { value, reason: Some("the store holds it".into()) },
+            None => named.isovalue.resolve(&of.volume, None)?,
         };
         let mut all = Vec::new();
         for member in &self.0 {

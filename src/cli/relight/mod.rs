@@ -300,12 +300,13 @@ impl Relight {
             let given = format!("{side:?}").to_lowercase();
             return Err(Error::argument("--solid", given, expected, "bake the volume again with this --solid").into());
         }
-        let held = store.holdings()?;
-        let only = held
-            .isovalues
-            .first()
-            .copied()
-            .filter(|_| !held.all && self.isovalue.iter().any(|i| i.isovalue == Isovalue::Auto));
+        // Looks at every chunk, so only where it matters.
+        let only = if self.isovalue.iter().any(|i| i.isovalue == Isovalue::Auto) {
+            let held = store.holdings()?;
+            held.isovalues.first().copied().filter(|_| !held.all)
+        } else {
+            None
+        };
         let resolve = |i: &NamedIsovalue| match (&i.isovalue, only) {
             (Isovalue::Auto, Some(value)) => Ok(Chosen { value, reason: Some("the store holds it".into()) }),
             (isovalue, _) => self.resolve(isovalue, volume, None),

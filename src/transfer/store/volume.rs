@@ -156,7 +156,7 @@ fn samples<T: Pod + Send>(backing: &Backing, key: &str, dims: [usize; 3]) -> Res
     })?;
     let mut samples = vec![T::zeroed(); dims.iter().product()];
     // A slab of chunks in z is a run of the samples.
-    let slabs = samples.par_chunks_mut(dims[0] * dims[1] * SIDE).enumerate();
+    let slabs = samples.par_chunks_mut(dims[0] * dims[1] * SIDE).with_max_len(1).enumerate();
     let read = slabs.map(|(slab, samples)| {
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(samples);
         let depth = bytes.len() / (dims[0] * dims[1] * width);
