@@ -279,15 +279,7 @@ impl<T: Sample> LevelSet<'_, T> {
     /// Carries the side through the cell that the march is in, with its first sample at index
     /// `sample`, and leaves through `axis` at `t`.
     #[inline(always)]
-    fn pass_cell(
-        &self,
-        march: &March,
-        sample: usize,
-        t: f32,
-        axis: Axis,
-        side: Side,
-        counts: &mut Counts,
-    ) -> Passed {
+    fn pass_cell(&self, march: &March, sample: usize, t: f32, axis: Axis, side: Side, counts: &mut Counts) -> Passed {
         let (low, high) = self.rows.corners(sample);
         let c = Vec4::splat(self.isovalue);
         let (low, high) = ((low - c) * self.field.sign, (high - c) * self.field.sign);

@@ -32,7 +32,7 @@ pub fn seen_points(
     let aspect = width as f64 / height as f64;
     with_samples!(volume.samples(), s => {
         let field = LevelField::new(volume, s, pyramid);
-        pixels.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+        pixels.par_chunks_mut(width).with_max_len(1).enumerate().for_each(|(y, row)| {
             for (x, pixel) in row.iter_mut().enumerate() {
                 let px = (x as f64 + 0.5) / width as f64 * 2.0 - 1.0;
                 let py = 1.0 - (y as f64 + 0.5) / height as f64 * 2.0;

@@ -105,7 +105,7 @@ pub fn render(
             camera, options, suns: &suns, backdrop,
             clip: clip_box(volume),
         };
-        pixels.par_chunks_mut(options.width).enumerate().map(|(y, row)| scene.row(y, row)).collect()
+        pixels.par_chunks_mut(options.width).with_max_len(1).enumerate().map(|(y, row)| scene.row(y, row)).collect()
     });
     let (mut counts, mut report) = (Counts::default(), LookupReport::default());
     for (c, r) in totals {

@@ -128,6 +128,7 @@ pub(super) fn run<T: Sample>(
         }
         let mut outputs: Vec<Option<BrickOutput>> = (0..group.len() * BRICKS)
             .into_par_iter()
+            // What a thread has begun no other can take over.
             .with_max_len(1)
             .map_init(Scratch::default, |scratch, i| {
                 let (chunk, b) = (group[i / BRICKS], i % BRICKS);
@@ -282,6 +283,7 @@ pub fn trial(bake: &Bake<'_>, bricks: &[[usize; 3]]) -> Result<Summary> {
         let openness = Openness::of(bake.volume, &field);
         let parts: Vec<Summary> = bricks
             .par_iter()
+            .with_max_len(1)
             .map_init(Scratch::default, |scratch, &index| {
                 brick_with(&field, bake, &openness, &estimator, index, None, scratch).summary
             })
@@ -319,6 +321,7 @@ pub fn pilot(bake: &Bake<'_>, texels: u64) -> Result<Summary> {
         let openness = Openness::of_pilot(bake.volume, &field);
         let parts: Vec<Summary> = picked
             .par_chunks(64)
+            .with_max_len(1)
             .map_init(Scratch::default, |scratch, part| {
                 let mut summary = Summary::new(&bake.settings.layers);
                 let mut texel_estimate = TexelEstimate::default();

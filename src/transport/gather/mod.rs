@@ -296,6 +296,7 @@ fn one_pass<T: Sample>(
         .parts(BRICK_TEXELS * coefficients)
         .into_par_iter()
         .zip(valid.par_chunks_mut(BRICK_TEXELS))
+        .with_max_len(1)
         .enumerate()
         .map_init(Scratch::default, |scratch, (slot, (mut values, valid))| {
             let (mut counts, mut lookups) = (Counts::default(), Lookups::default());
