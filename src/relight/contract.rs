@@ -283,13 +283,15 @@ impl BrickJob<'_> {
     /// Inlined, with all that it calls, where the wide registers are.
     #[inline(always)]
     fn run(mut self, turn: impl Columns, dot: impl Dot) -> BrickTotals {
-        let coefficients = self.layers.coefficients();
+        let errors = self.layers.errors();
         let mut totals = BrickTotals::default();
         // In the order of memory, so that the processor fetches ahead.
         let (mut valid, mut count) = ([0; LANES], 0);
         for t in 0..BRICK_TEXELS {
             if self.view.validity[t] & validity::VALID == 0 {
-                let baked = !self.view.transfer[t * coefficients].is_nan();
+                // Both are NaN where nothing is baked; of the errors fewer lines are to be fetched, and no others than
+                // those of valid texels beside it.
+                let baked = !self.view.stderr[t * errors].is_nan();
                 self.out[t] = [0.0, 0.0, 0.0, if baked { NO_LEVEL_SET } else { UNBAKED }];
                 continue;
             }
