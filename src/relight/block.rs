@@ -66,11 +66,26 @@ pub(super) mod wide {
     use half::f16;
     use std::arch::x86_64::{
         __m128i, __m256, _mm256_add_ps, _mm256_cvtph_ps, _mm256_mul_ps, _mm256_permute2f128_ps, _mm256_set1_ps,
-        _mm256_setzero_ps, _mm256_shuffle_ps, _mm256_unpackhi_ps, _mm256_unpacklo_ps,
+        _mm256_setzero_ps, _mm256_shuffle_ps, _mm256_unpackhi_ps, _mm256_unpacklo_ps, _mm_prefetch, _MM_HINT_T0,
     };
 
     /// Numbers in a register.
     const EIGHT: usize = 8;
+
+    /// Stored numbers in a line of the cache.
+    const LINE: usize = 32;
+
+    /// Asks for the numbers `n·t … n·(t+1)` of `stored`, for each t of `texels`, so that they are near when they are
+    /// needed.
+    #[target_feature(enable = "avx,avx2,f16c")]
+    #[inline]
+    pub(in super::super) fn fetch(stored: &[f16], n: usize, texels: &[usize]) {
+        for &t in texels {
+            for line in stored[n * t..n * (t + 1)].chunks(LINE) {
+                _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast());
+            }
+        }
+    }
 
     /// As [`super::columns`].
     #[target_feature(enable = "avx,avx2,f16c")]

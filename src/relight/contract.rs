@@ -263,6 +263,10 @@ struct BrickJob<'a> {
 trait Columns: Fn(&[f16], usize, &[usize; LANES], &mut [Lanes]) {}
 impl<F: Fn(&[f16], usize, &[usize; LANES], &mut [Lanes])> Columns for F {}
 
+/// [`block::wide::fetch`], or nothing.
+trait Fetch: Fn(&[f16], usize, &[usize]) {}
+impl<F: Fn(&[f16], usize, &[usize])> Fetch for F {}
+
 /// [`block::dot`] in one of its forms.
 trait Dot: Fn(&[Lanes], &[Vec4]) -> [Lanes; 4] {}
 impl<F: Fn(&[Lanes], &[Vec4]) -> [Lanes; 4]> Dot for F {}
@@ -272,21 +276,21 @@ impl<F: Fn(&[Lanes], &[Vec4]) -> [Lanes; 4]> Dot for F {}
 fn contract_brick(job: BrickJob<'_>) -> BrickTotals {
     match_target! {
         "x86_64+avx+avx2+f16c" => job.run(
+            |stored, n, texels| block::wide::fetch(stored, n, texels),
             |stored, n, texels, out| block::wide::columns(stored, n, texels, out),
             |columns, weights| block::wide::dot(columns, weights),
         ),
-        _ => job.run(block::columns, block::dot),
+        _ => job.run(|_, _, _| (), block::columns, block::dot),
     }
 }
 
 impl BrickJob<'_> {
     /// Inlined, with all that it calls, where the wide registers are.
     #[inline(always)]
-    fn run(mut self, turn: impl Columns, dot: impl Dot) -> BrickTotals {
-        let errors = self.layers.errors();
+    fn run(mut self, fetch: impl Fetch, turn: impl Columns, dot: impl Dot) -> BrickTotals {
+        let (coefficients, errors) = (self.layers.coefficients(), self.layers.errors());
         let mut totals = BrickTotals::default();
-        // In the order of memory, so that the processor fetches ahead.
-        let (mut valid, mut count) = ([0; LANES], 0);
+        let (mut valid, mut count) = ([0; BRICK_TEXELS], 0);
         for t in 0..BRICK_TEXELS {
             if self.view.validity[t] & validity::VALID == 0 {
                 // Both are NaN where nothing is baked; of the errors fewer lines are to be fetched, and no others than
@@ -297,16 +301,18 @@ impl BrickJob<'_> {
             }
             valid[count] = t;
             count += 1;
-            if count == LANES {
-                self.block(&valid, count, &turn, &dot, &mut totals);
-                count = 0;
-            }
         }
-        if count > 0 {
-            // A block that is not full repeats its last texel.
-            let last = valid[count - 1];
-            valid[count..].fill(last);
-            self.block(&valid, count, &turn, &dot, &mut totals);
+        let valid = &valid[..count];
+        for first in (0..count).step_by(LANES) {
+            // The block behind comes from memory while this one is computed.
+            let (some, behind) = valid[first..].split_at(LANES.min(count - first));
+            let behind = &behind[..LANES.min(behind.len())];
+            fetch(self.view.transfer, coefficients, behind);
+            fetch(self.view.stderr, errors, behind);
+            // A block that is not full repeats its first texel.
+            let mut texels = [some[0]; LANES];
+            texels[..some.len()].copy_from_slice(some);
+            self.block(&texels, some.len(), &turn, &dot, &mut totals);
         }
         totals
     }
