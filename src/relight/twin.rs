@@ -112,7 +112,9 @@ fn noisy(bands: &[usize], one_in: u32) -> MemoryTexture {
             let random = |i: usize, what: u32| uniform(7 + b, t as u64, i as u32, what);
             if one_in > 1 && random(0, 9) * one_in as f32 >= 1.0 {
                 // Without a level set, or never baked.
-                brick.transfer[t * n..(t + 1) * n].fill(if t % 3 == 0 { f16::NAN } else { f16::ZERO });
+                let nothing = if t % 3 == 0 { f16::NAN } else { f16::ZERO };
+                brick.transfer[t * n..(t + 1) * n].fill(nothing);
+                brick.stderr[t * e..(t + 1) * e].fill(nothing);
                 continue;
             }
             brick.validity[t] = validity::VALID;
