@@ -288,7 +288,7 @@ impl BrickJob<'_> {
     /// Inlined, with all that it calls, where the wide registers are.
     #[inline(always)]
     fn run(mut self, fetch: impl Fetch, turn: impl Columns, dot: impl Dot) -> BrickTotals {
-        let (coefficients, errors) = (self.layers.coefficients(), self.layers.errors());
+        let errors = self.layers.errors();
         let mut totals = BrickTotals::default();
         let (mut valid, mut count) = ([0; BRICK_TEXELS], 0);
         for t in 0..BRICK_TEXELS {
@@ -304,32 +304,35 @@ impl BrickJob<'_> {
         }
         let valid = &valid[..count];
         for first in (0..count).step_by(LANES) {
-            // The block behind comes from memory while this one is computed.
             let (some, behind) = valid[first..].split_at(LANES.min(count - first));
-            let behind = &behind[..LANES.min(behind.len())];
-            fetch(self.view.transfer, coefficients, behind);
-            fetch(self.view.stderr, errors, behind);
             // A block that is not full repeats its first texel.
             let mut texels = [some[0]; LANES];
             texels[..some.len()].copy_from_slice(some);
-            self.block(&texels, some.len(), &turn, &dot, &mut totals);
+            self.block(&texels, some.len(), &behind[..LANES.min(behind.len())], &fetch, &turn, &dot, &mut totals);
         }
         totals
     }
 
-    /// Contracts the first `count` of some texels, all of which are valid.
+    /// Contracts the first `count` of some texels, all of which are valid. Those `behind` come from memory meanwhile.
     #[inline(always)]
     fn block(
         &mut self,
         texels: &[usize; LANES],
         count: usize,
+        behind: &[usize],
+        fetch: &impl Fetch,
         turn: &impl Columns,
         dot: &impl Dot,
         totals: &mut BrickTotals,
     ) {
         let Self { view, layers, weights, out, room } = self;
+        // In two parts: there is room for so many lines on their way.
+        let (soon, later) = behind.split_at(behind.len() / 2);
+        fetch(view.transfer, layers.coefficients(), soon);
         turn(view.transfer, layers.coefficients(), texels, &mut room.columns);
+        fetch(view.transfer, layers.coefficients(), later);
         turn(view.stderr, layers.errors(), texels, &mut room.errors);
+        fetch(view.stderr, layers.errors(), behind);
         let [red, green, blue] = weights.block(&room.columns, layers, dot, &mut room.work);
         let BlockWork { contracted, tail, left_out } = &room.work;
         let variance = weights.noise.variance(&room.columns, contracted, tail, &room.errors);
