@@ -1,10 +1,11 @@
-//! Eight texels at a time: the inner loops of contraction.
+//! Sixteen texels at a time: the inner loops of contraction.
 //!
-//! Stored transfer has a texel's coefficients side by side. Here a block of texels is widened to f32 and turned, so
-//! that each coefficient is one column of [`LANES`] numbers, and every step of the arithmetic is the same for all of
-//! them. A lane does exactly the operations that a texel alone would do, in their order, with no fused multiply-add:
-//! neither the block nor the width of the machine's registers can show in the result. The twin in the tests goes
-//! through the texels one by one.
+//! Stored transfer has a texel's coefficients side by side. Here a block of texels is turned, so that each coefficient
+//! is one column of [`LANES`] numbers, and every step of the arithmetic is the same for all of them. A lane does exactly
+//! the operations that a texel alone would do, in their order. Products are summed by fused multiply-add, which rounds
+//! once and so gives the same bits everywhere (a processor that has none does it in software, which is slow); nothing
+//! else is fused. So neither the block nor the width of the machine's registers can show in the result. The twin in the
+//! tests goes through the texels one by one.
 //!
 //! The crate `multiversion` asks the processor once what it has; see [`super::contract`].
 
@@ -12,152 +13,205 @@ use glam::Vec4;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 
-/// Texels in a block: one register of AVX2. Sixteen took as long.
-pub(super) const LANES: usize = 8;
+/// Texels in a block: one register of AVX-512, two of AVX2.
+pub(super) const LANES: usize = 16;
 
 /// One number for each texel of a block.
 pub(super) type Lanes = [f32; LANES];
 
-/// A number for each lane.
-#[inline(always)]
-pub(super) fn each(mut value: impl FnMut(usize) -> f32) -> Lanes {
-    let mut lanes = [0.0; LANES];
-    for j in 0..LANES {
-        lanes[j] = value(j);
-    }
-    lanes
-}
+/// One stored number for each texel of a block.
+pub(super) type Column = [f16; LANES];
 
 /// The columns of a block: numbers `n·t … n·(t+1)` of `stored`, for each t of `texels`, turned.
 #[inline(always)]
-pub(super) fn columns(stored: &[f16], n: usize, texels: &[usize; LANES], out: &mut [Lanes]) {
-    let mut part = [0.0; 64];
+pub(super) fn columns(stored: &[f16], n: usize, texels: &[usize; LANES], out: &mut [Column]) {
     for (j, &t) in texels.iter().enumerate() {
         let row = &stored[n * t..n * (t + 1)];
-        for (row, out) in row.chunks(part.len()).zip(out.chunks_mut(part.len())) {
-            let part = &mut part[..row.len()];
-            row.convert_to_f32_slice(part);
-            out.iter_mut().zip(part).for_each(|(column, value)| column[j] = *value);
-        }
+        out.iter_mut().zip(row).for_each(|(column, value)| column[j] = *value);
     }
 }
 
-/// Σ of columns with weights, for the four lanes of the weights: red, green, blue, and what the noise needs.
+/// A column in f32.
 #[inline(always)]
-pub(super) fn dot(columns: &[Lanes], weights: &[Vec4]) -> [Lanes; 4] {
-    let mut sums = [[Vec4::ZERO; LANES / 4]; 4];
-    for (column, weight) in columns.iter().zip(weights) {
-        let column: [Vec4; LANES / 4] = bytemuck::cast(*column);
+pub(super) fn widen(column: &Column) -> Lanes {
+    let mut lanes = [0.0; LANES];
+    column.convert_to_f32_slice(&mut lanes);
+    lanes
+}
+
+/// Σ of columns with weights, for the four lanes of the weights: red, green, blue, and what the noise needs. The sum
+/// over even columns and that over odd ones are added last, so that additions wait less for each other.
+#[inline(always)]
+pub(super) fn dot(columns: &[Column], weights: &[Vec4]) -> [Lanes; 4] {
+    let mut sums = [[[0.0f32; LANES]; 4]; 2];
+    for (i, (column, weight)) in columns.iter().zip(weights).enumerate() {
+        let column = widen(column);
         for c in 0..4 {
-            let weight = Vec4::splat(weight[c]);
-            for q in 0..LANES / 4 {
-                sums[c][q] += weight * column[q];
+            for j in 0..LANES {
+                sums[i % 2][c][j] = weight[c].mul_add(column[j], sums[i % 2][c][j]);
             }
         }
     }
-    bytemuck::cast(sums)
+    let [mut all, odd] = sums;
+    for c in 0..4 {
+        for j in 0..LANES {
+            all[c][j] += odd[c][j];
+        }
+    }
+    all
 }
 
-/// The same with registers of 256 bits, and f16 widened by the processor.
+/// The same with registers of 256 and 512 bits, and f16 widened by the processor.
 #[cfg(target_arch = "x86_64")]
 pub(super) mod wide {
-    use super::{LANES, Lanes};
+    use super::{Column, LANES, Lanes};
     use glam::Vec4;
     use half::f16;
     use std::arch::x86_64::{
-        __m128i, __m256, _MM_HINT_T0, _mm_prefetch, _mm256_add_ps, _mm256_cvtph_ps, _mm256_mul_ps,
-        _mm256_permute2f128_ps, _mm256_set1_ps, _mm256_setzero_ps, _mm256_shuffle_ps, _mm256_unpackhi_ps,
-        _mm256_unpacklo_ps,
+        __m128i, __m256i, _MM_HINT_T0, _mm_prefetch, _mm256_add_ps, _mm256_cvtph_ps, _mm256_fmadd_ps, _mm256_set_m128i,
+        _mm256_set1_ps, _mm256_setzero_ps, _mm256_setzero_si256, _mm256_unpackhi_epi16, _mm256_unpackhi_epi32,
+        _mm256_unpackhi_epi64, _mm256_unpacklo_epi16, _mm256_unpacklo_epi32, _mm256_unpacklo_epi64, _mm512_add_ps,
+        _mm512_cvtph_ps, _mm512_fmadd_ps, _mm512_set1_ps, _mm512_setzero_ps,
     };
 
-    /// Numbers in a register.
+    /// Columns turned together, and numbers of a row in half a register.
     const EIGHT: usize = 8;
 
     /// Stored numbers in a line of the cache.
     const LINE: usize = 32;
 
-    /// Asks for the numbers `n·t … n·(t+1)` of `stored`, for each t of `texels`, so that they are near when they are
-    /// needed.
-    #[target_feature(enable = "avx,avx2,f16c")]
+    /// Asks for stored numbers, so that they are near when they are needed.
+    #[target_feature(enable = "avx,avx2,f16c,fma")]
     #[inline]
-    pub(in super::super) fn fetch(stored: &[f16], n: usize, texels: &[usize]) {
-        for &t in texels {
-            for line in stored[n * t..n * (t + 1)].chunks(LINE) {
-                _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast());
-            }
+    pub(in super::super) fn fetch(stored: &[f16]) {
+        for line in stored.chunks(LINE) {
+            _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast());
         }
     }
 
     /// As [`super::columns`].
-    #[target_feature(enable = "avx,avx2,f16c")]
+    #[target_feature(enable = "avx,avx2,f16c,fma")]
     #[inline]
-    pub(in super::super) fn columns(stored: &[f16], n: usize, texels: &[usize; LANES], out: &mut [Lanes]) {
+    pub(in super::super) fn columns(stored: &[f16], n: usize, texels: &[usize; LANES], out: &mut [Column]) {
         if n < EIGHT {
             return super::columns(stored, n, texels, out);
         }
-        let stored: &[u16] = bytemuck::cast_slice(stored);
-        let mut first = 0;
-        while first < n {
-            // At the end some columns are made once more: the same bits.
-            first = first.min(n - EIGHT);
-            for half in 0..LANES / EIGHT {
-                let mut rows = [_mm256_setzero_ps(); EIGHT];
-                for j in 0..EIGHT {
-                    let start = n * texels[EIGHT * half + j] + first;
-                    let mut bits = [0u16; EIGHT];
-                    bits.copy_from_slice(&stored[start..start + EIGHT]);
-                    rows[j] = _mm256_cvtph_ps(bytemuck::cast::<_, __m128i>(bits));
-                }
-                let turned = turn(&rows);
-                let out = &mut out[first..first + EIGHT];
-                for i in 0..EIGHT {
-                    let eight: [f32; EIGHT] = bytemuck::cast(turned[i]);
-                    out[i][EIGHT * half..EIGHT * (half + 1)].copy_from_slice(&eight);
-                }
+        // Rows by eights, and the last eight once more, where they are not a multiple: the same bits.
+        let mut eights: [&[[f16; EIGHT]]; LANES] = [&[]; LANES];
+        let mut ends = [&[f16::ZERO; EIGHT]; LANES];
+        for j in 0..LANES {
+            let row = &stored[n * texels[j]..][..n];
+            eights[j] = &row.as_chunks().0[..n / EIGHT];
+            ends[j] = row.last_chunk().unwrap_or(ends[j]);
+        }
+        let out = &mut out[..n];
+        let outs = &mut out.as_chunks_mut::<EIGHT>().0[..n / EIGHT];
+        for i in 0..n / EIGHT {
+            let mut rows = [&[f16::ZERO; EIGHT]; LANES];
+            for j in 0..LANES {
+                rows[j] = &eights[j][i];
             }
-            first += EIGHT;
+            outs[i] = turn(&rows);
+        }
+        if let (1.., Some(out)) = (n % EIGHT, out.last_chunk_mut()) {
+            *out = turn(&ends);
         }
     }
 
-    /// Turns 8 × 8 numbers.
-    #[target_feature(enable = "avx,avx2,f16c")]
+    /// Turns sixteen rows of eight.
+    #[target_feature(enable = "avx,avx2,f16c,fma")]
     #[inline]
-    fn turn(r: &[__m256; EIGHT]) -> [__m256; EIGHT] {
-        // Pairs of rows, then fours within each half of the registers, then the halves. No closure: what is compiled
-        // for more than the baseline is not inlined into generic code of other crates.
-        let zero = _mm256_setzero_ps();
-        let (mut pairs, mut fours, mut turned) = ([zero; EIGHT], [zero; EIGHT], [zero; EIGHT]);
-        for i in [0, 2, 4, 6] {
-            pairs[i] = _mm256_unpacklo_ps(r[i], r[i + 1]);
-            pairs[i + 1] = _mm256_unpackhi_ps(r[i], r[i + 1]);
-        }
-        for i in [0, 4] {
-            fours[i] = _mm256_shuffle_ps::<0x44>(pairs[i], pairs[i + 2]);
-            fours[i + 1] = _mm256_shuffle_ps::<0xee>(pairs[i], pairs[i + 2]);
-            fours[i + 2] = _mm256_shuffle_ps::<0x44>(pairs[i + 1], pairs[i + 3]);
-            fours[i + 3] = _mm256_shuffle_ps::<0xee>(pairs[i + 1], pairs[i + 3]);
+    fn turn(rows: &[&[f16; EIGHT]; LANES]) -> [Column; EIGHT] {
+        // The eight rows of each half of the registers: pairs of rows, then fours, then eights. No closure: what is
+        // compiled for more than the baseline is not inlined into generic code of other crates.
+        let zero = _mm256_setzero_si256();
+        let [mut r, mut pairs, mut fours, mut turned] = [[zero; EIGHT]; 4];
+        for j in 0..EIGHT {
+            r[j] = _mm256_set_m128i(bytemuck::cast(*rows[j + EIGHT]), bytemuck::cast(*rows[j]));
         }
         for i in 0..4 {
-            turned[i] = _mm256_permute2f128_ps::<0x20>(fours[i], fours[i + 4]);
-            turned[i + 4] = _mm256_permute2f128_ps::<0x31>(fours[i], fours[i + 4]);
+            pairs[i] = _mm256_unpacklo_epi16(r[2 * i], r[2 * i + 1]);
+            pairs[i + 4] = _mm256_unpackhi_epi16(r[2 * i], r[2 * i + 1]);
         }
-        turned
+        // Of `pairs`, columns 0 to 3 are in the first four, 4 to 7 in the others.
+        for i in [0, 2, 4, 6] {
+            fours[i] = _mm256_unpacklo_epi32(pairs[i], pairs[i + 1]);
+            fours[i + 1] = _mm256_unpackhi_epi32(pairs[i], pairs[i + 1]);
+        }
+        // Of `fours`, columns 0 and 1 are in the first (rows 0 to 3) and the third (4 to 7), 2 and 3 in those after.
+        for i in [0, 4] {
+            turned[i] = _mm256_unpacklo_epi64(fours[i], fours[i + 2]);
+            turned[i + 1] = _mm256_unpackhi_epi64(fours[i], fours[i + 2]);
+            turned[i + 2] = _mm256_unpacklo_epi64(fours[i + 1], fours[i + 3]);
+            turned[i + 3] = _mm256_unpackhi_epi64(fours[i + 1], fours[i + 3]);
+        }
+        bytemuck::cast::<[__m256i; EIGHT], _>(turned)
     }
 
-    /// As [`super::dot`].
-    #[target_feature(enable = "avx,avx2,f16c")]
+    /// As [`super::widen`].
+    #[target_feature(enable = "avx,avx2,f16c,fma")]
     #[inline]
-    pub(in super::super) fn dot(columns: &[Lanes], weights: &[Vec4]) -> [Lanes; 4] {
-        let mut sums = [[_mm256_setzero_ps(); LANES / EIGHT]; 4];
-        for (column, weight) in columns.iter().zip(weights) {
-            let column: [__m256; LANES / EIGHT] = bytemuck::cast(*column);
+    pub(in super::super) fn widen(column: &Column) -> Lanes {
+        let [low, high]: [__m128i; 2] = bytemuck::cast(*column);
+        bytemuck::cast([_mm256_cvtph_ps(low), _mm256_cvtph_ps(high)])
+    }
+
+    /// As [`super::dot`], for registers of 256 bits: one half of the texels after the other, as many sums as there is
+    /// room for.
+    #[target_feature(enable = "avx,avx2,f16c,fma")]
+    #[inline]
+    pub(in super::super) fn dot(columns: &[Column], weights: &[Vec4]) -> [Lanes; 4] {
+        let mut all = [[_mm256_setzero_ps(); 2]; 4];
+        let (pairs, last) = columns.as_chunks::<2>();
+        let (weight_pairs, last_weight) = weights.as_chunks::<2>();
+        for half in 0..2 {
+            let mut sums = [[_mm256_setzero_ps(); 4]; 2];
+            for (pair, weights) in pairs.iter().zip(weight_pairs) {
+                for i in 0..2 {
+                    let column = _mm256_cvtph_ps(bytemuck::cast::<_, [__m128i; 2]>(pair[i])[half]);
+                    for c in 0..4 {
+                        sums[i][c] = _mm256_fmadd_ps(_mm256_set1_ps(weights[i][c]), column, sums[i][c]);
+                    }
+                }
+            }
+            for (column, weight) in last.iter().zip(last_weight) {
+                let column = _mm256_cvtph_ps(bytemuck::cast::<_, [__m128i; 2]>(*column)[half]);
+                for c in 0..4 {
+                    sums[0][c] = _mm256_fmadd_ps(_mm256_set1_ps(weight[c]), column, sums[0][c]);
+                }
+            }
             for c in 0..4 {
-                let weight = _mm256_set1_ps(weight[c]);
-                for half in 0..LANES / EIGHT {
-                    sums[c][half] = _mm256_add_ps(sums[c][half], _mm256_mul_ps(weight, column[half]));
+                all[c][half] = _mm256_add_ps(sums[0][c], sums[1][c]);
+            }
+        }
+        bytemuck::cast(all)
+    }
+
+    /// As [`super::dot`], for registers of 512 bits.
+    #[target_feature(enable = "avx,avx2,f16c,fma,avx512f")]
+    #[inline]
+    pub(in super::super) fn dot_512(columns: &[Column], weights: &[Vec4]) -> [Lanes; 4] {
+        let mut sums = [[_mm512_setzero_ps(); 4]; 2];
+        let (pairs, last) = columns.as_chunks::<2>();
+        let (weight_pairs, last_weight) = weights.as_chunks::<2>();
+        for (pair, weights) in pairs.iter().zip(weight_pairs) {
+            for i in 0..2 {
+                let column = _mm512_cvtph_ps(bytemuck::cast(pair[i]));
+                for c in 0..4 {
+                    sums[i][c] = _mm512_fmadd_ps(_mm512_set1_ps(weights[i][c]), column, sums[i][c]);
                 }
             }
         }
-        bytemuck::cast(sums)
+        for (column, weight) in last.iter().zip(last_weight) {
+            let column = _mm512_cvtph_ps(bytemuck::cast(*column));
+            for c in 0..4 {
+                sums[0][c] = _mm512_fmadd_ps(_mm512_set1_ps(weight[c]), column, sums[0][c]);
+            }
+        }
+        let mut all = [_mm512_setzero_ps(); 4];
+        for c in 0..4 {
+            all[c] = _mm512_add_ps(sums[0][c], sums[1][c]);
+        }
+        bytemuck::cast(all)
     }
 }

@@ -1,14 +1,13 @@
 //! Contraction: the dot product of every touched texel's transfer with the light.
 
-use super::block::{self, LANES, Lanes, each};
-use super::noise::{NoiseWeights, TailRadiance};
-use super::tail::Tails;
+mod brick;
+
+use self::brick::{BrickJob, BrickTotals, Opened, Room, contract_brick};
+use super::noise::NoiseWeights;
 use super::{Light, Material};
 use crate::error::{Error, Result};
-use crate::transfer::{BRICK, BRICK_TEXELS, BrickSource, BrickView, Lattice, Layers, MAX_LAYERS, validity};
+use crate::transfer::{BRICK, BRICK_TEXELS, BrickSource, Lattice, Layers};
 use glam::Vec4;
-use half::f16;
-use multiversion::{multiversion, target::match_target};
 use rayon::prelude::*;
 
 /// Radiance of the texels of some bricks: the transfer texture with the light multiplied in.
@@ -68,6 +67,8 @@ pub(super) struct Weights {
     // Coefficients of each layer that the light reaches, as (offset, count).
     pub(super) spans: Vec<(usize, usize)>,
     pub(super) noise: NoiseWeights,
+    // Standard errors of a texel.
+    errors: usize,
     pub(super) albedo: [f32; 3],
     pub(super) emission: [f32; 3],
 }
@@ -89,113 +90,12 @@ impl Weights {
         }
         let noise = NoiseWeights::new(layers, light, material, &mut rows, &mut reached);
         let spans = reached.iter().enumerate().map(|(k, b)| (layers.offset(k), b * b)).collect();
-        Self { rows, spans, noise, albedo: material.albedo, emission: material.emission }
-    }
-
-    /// Radiance of the texels of a block from their columns; leaves in `work` what the noise needs of it.
-    #[inline(always)]
-    fn block(&self, columns: &[Lanes], layers: &Layers, dot: impl Dot, work: &mut BlockWork) -> [Lanes; 3] {
-        let mut rgb = [[0.0; LANES]; 3];
-        for (layer, &(offset, count)) in work.contracted.iter_mut().zip(&self.spans) {
-            *layer = dot(&columns[offset..offset + count], &self.rows[offset..offset + count]);
-            for (sum, channel) in rgb.iter_mut().zip(&*layer) {
-                *sum = each(|j| sum[j] + channel[j]);
-            }
-        }
-        work.tail = TailRadiance::NONE;
-        work.left_out = 0.0;
-        if layers.len() < 2 && self.emission == [0.0; 3] {
-            return rgb;
-        }
-        let escape = |k: usize| {
-            let column = &columns[layers.offset(k)];
-            each(|j| column[j] * (2.0 * std::f32::consts::PI.sqrt()))
-        };
-        let last = layers.len() - 1;
-        let mut escaped = escape(0);
-        for k in 1..=last {
-            let more = escape(k);
-            escaped = each(|j| escaped[j] + more[j]);
-        }
-        let tail = Tails::new(&escaped, (last > 0).then(|| escape(last - 1)).as_ref(), &escape(last));
-        let of_last = &work.contracted[last];
-        let [mut beyond, mut slope] = [[[0.0; LANES]; 3]; 2];
-        for c in 0..3 {
-            let albedo = self.albedo[c];
-            beyond[c] = each(|j| of_last[c][j] * tail.at(j).gain(albedo));
-            slope[c] = each(|j| of_last[c][j] * tail.at(j).gain_slope(albedo));
-            rgb[c] = each(|j| rgb[c][j] + beyond[c][j]);
-        }
-        let mean = |v: &[Lanes; 3]| each(|j| (v[0][j] + v[1][j] + v[2][j]) * (1.0 / 3.0));
-        work.tail.beyond = mean(&beyond);
-        work.tail.slope = mean(&slope);
-        work.tail.ratio_slopes = tail.ratio_slopes();
-        work.tail.survival = tail.survival;
-        if self.emission != [0.0; 3] {
-            self.emit(columns, layers, &tail, &mut rgb, &mut work.left_out);
-        }
-        rgb
-    }
-
-    /// Adds emission.
-    fn emit(&self, columns: &[Lanes], layers: &Layers, tails: &Tails, rgb: &mut [Lanes; 3], left_out: &mut f32) {
-        let mut escapes = [0.0f32; MAX_LAYERS];
-        for j in 0..LANES {
-            for k in 0..layers.len() {
-                escapes[k] = columns[layers.offset(k)][j] * (2.0 * std::f32::consts::PI.sqrt());
-            }
-            for c in 0..3 {
-                let (factor, remainder) = tails.at(j).emission(&escapes[..layers.len()], self.albedo[c]);
-                rgb[c][j] += self.emission[c] * factor;
-                if self.emission[c] > 0.0 {
-                    *left_out = left_out.max(remainder);
-                }
-            }
-        }
+        Self { rows, spans, noise, errors: layers.errors(), albedo: material.albedo, emission: material.emission }
     }
 }
 
-/// What contraction leaves of a block beside its radiance.
-struct BlockWork {
-    // ⟨T_k, L⟩ of each layer with its albedo; fourth ⟨T_k, G_k²⟩, see `noise`. One entry a layer.
-    contracted: Vec<[Lanes; 4]>,
-    tail: TailRadiance,
-    // Emission that the sum leaves out, the most of any lane.
-    left_out: f32,
-}
-
-/// Room for the blocks of one task.
-struct Room {
-    columns: Vec<Lanes>,
-    errors: Vec<Lanes>,
-    work: BlockWork,
-}
-
-impl Room {
-    fn new(layers: &Layers) -> Self {
-        Self {
-            columns: vec![[0.0; LANES]; layers.coefficients()],
-            errors: vec![[0.0; LANES]; layers.errors()],
-            work: BlockWork {
-                contracted: vec![[[0.0; LANES]; 4]; layers.len()],
-                tail: TailRadiance::NONE,
-                left_out: 0.0,
-            },
-        }
-    }
-}
-
-/// Bricks that one task contracts at most: what a thread has begun no other can take over.
+/// Bricks that one task contracts: what a thread has begun no other can take over.
 const TASK: usize = 32;
-
-/// What one brick gave.
-#[derive(Clone, Copy, Default)]
-struct BrickTotals {
-    variance: f64,
-    radiance: f64,
-    texels: u64,
-    left_out: f32,
-}
 
 /// Multiplies the transfer of `bricks` (ascending, as [`crate::transfer::Selection::bricks`] gives them) with a light.
 ///
@@ -222,129 +122,32 @@ pub fn contract(
     // Zeroed memory, so that the threads that fill the pages are the first to touch them.
     let mut radiance = vec![[0.0; 4]; bricks.len() * BRICK_TEXELS];
     let totals = radiance
-        .par_chunks_mut(BRICK_TEXELS)
-        .zip(bricks)
-        .with_max_len(TASK)
+        .par_chunks_mut(TASK * BRICK_TEXELS)
+        .zip(bricks.par_chunks(TASK))
         .map_init(
             || Room::new(layers),
-            |room, (out, &index)| {
-                Ok(match source.brick(index)? {
-                    Some(view) => contract_brick(BrickJob { view, layers, weights: &weights, out, room }),
-                    None => {
-                        out.fill([0.0, 0.0, 0.0, UNBAKED]);
-                        BrickTotals::default()
-                    }
-                })
+            |room, (out, bricks)| {
+                let mut opened = bricks.iter().map(|&index| source.brick(index).map(Opened::new));
+                let mut next = opened.next().transpose()?;
+                let mut totals = Vec::with_capacity(TASK);
+                for out in out.chunks_exact_mut(BRICK_TEXELS) {
+                    let Some(brick) = std::mem::replace(&mut next, opened.next().transpose()?) else { break };
+                    totals.push(contract_brick(BrickJob { brick, next: next.as_ref(), weights: &weights, out, room }));
+                }
+                Ok(totals)
             },
         )
-        .collect::<Result<Vec<BrickTotals>>>()?;
+        .collect::<Result<Vec<Vec<BrickTotals>>>>()?;
     let mut sum = BrickTotals::default();
-    for t in totals {
+    for t in totals.into_iter().flatten() {
         sum.variance += t.variance;
         sum.radiance += t.radiance;
         sum.texels += t.texels;
         sum.left_out = sum.left_out.max(t.left_out);
     }
     let n = sum.texels.max(1) as f64;
-    let noise = Noise { rms: (sum.variance / n).sqrt(), mean_radiance: sum.radiance / n, texels: sum.texels };
+    let noise = Noise { rms: (sum.variance / n).sqrt(), mean_radiance: sum.radiance / (3.0 * n), texels: sum.texels };
     Ok(Contracted { lattice: layout.lattice, slots, radiance, noise, emission_remainder: sum.left_out })
-}
-
-/// A brick to contract, and where to.
-struct BrickJob<'a> {
-    view: BrickView<'a>,
-    layers: &'a Layers,
-    weights: &'a Weights,
-    out: &'a mut [[f32; 4]],
-    room: &'a mut Room,
-}
-
-/// [`block::columns`] in one of its forms.
-trait Columns: Fn(&[f16], usize, &[usize; LANES], &mut [Lanes]) {}
-impl<F: Fn(&[f16], usize, &[usize; LANES], &mut [Lanes])> Columns for F {}
-
-/// [`block::wide::fetch`], or nothing.
-trait Fetch: Fn(&[f16], usize, &[usize]) {}
-impl<F: Fn(&[f16], usize, &[usize])> Fetch for F {}
-
-/// [`block::dot`] in one of its forms.
-trait Dot: Fn(&[Lanes], &[Vec4]) -> [Lanes; 4] {}
-impl<F: Fn(&[Lanes], &[Vec4]) -> [Lanes; 4]> Dot for F {}
-
-/// Contracts a brick with what this processor has. No variant uses fused multiply-add: all give the same bits.
-#[multiversion(targets("x86_64+avx+avx2+f16c"))]
-fn contract_brick(job: BrickJob<'_>) -> BrickTotals {
-    match_target! {
-        "x86_64+avx+avx2+f16c" => job.run(
-            |stored, n, texels| block::wide::fetch(stored, n, texels),
-            |stored, n, texels, out| block::wide::columns(stored, n, texels, out),
-            |columns, weights| block::wide::dot(columns, weights),
-        ),
-        _ => job.run(|_, _, _| (), block::columns, block::dot),
-    }
-}
-
-impl BrickJob<'_> {
-    /// Inlined, with all that it calls, where the wide registers are.
-    #[inline(always)]
-    fn run(mut self, fetch: impl Fetch, turn: impl Columns, dot: impl Dot) -> BrickTotals {
-        let errors = self.layers.errors();
-        let mut totals = BrickTotals::default();
-        let (mut valid, mut count) = ([0; BRICK_TEXELS], 0);
-        for t in 0..BRICK_TEXELS {
-            if self.view.validity[t] & validity::VALID == 0 {
-                // Both are NaN where nothing is baked; of the errors fewer lines are to be fetched, and no others than
-                // those of valid texels beside it.
-                let baked = !self.view.stderr[t * errors].is_nan();
-                self.out[t] = [0.0, 0.0, 0.0, if baked { NO_LEVEL_SET } else { UNBAKED }];
-                continue;
-            }
-            valid[count] = t;
-            count += 1;
-        }
-        let valid = &valid[..count];
-        for first in (0..count).step_by(LANES) {
-            let (some, behind) = valid[first..].split_at(LANES.min(count - first));
-            // A block that is not full repeats its first texel.
-            let mut texels = [some[0]; LANES];
-            texels[..some.len()].copy_from_slice(some);
-            self.block(&texels, some.len(), &behind[..LANES.min(behind.len())], &fetch, &turn, &dot, &mut totals);
-        }
-        totals
-    }
-
-    /// Contracts the first `count` of some texels, all of which are valid. Those `behind` come from memory meanwhile.
-    #[inline(always)]
-    fn block(
-        &mut self,
-        texels: &[usize; LANES],
-        count: usize,
-        behind: &[usize],
-        fetch: &impl Fetch,
-        turn: &impl Columns,
-        dot: &impl Dot,
-        totals: &mut BrickTotals,
-    ) {
-        let Self { view, layers, weights, out, room } = self;
-        // In two parts: there is room for so many lines on their way.
-        let (soon, later) = behind.split_at(behind.len() / 2);
-        fetch(view.transfer, layers.coefficients(), soon);
-        turn(view.transfer, layers.coefficients(), texels, &mut room.columns);
-        fetch(view.transfer, layers.coefficients(), later);
-        turn(view.stderr, layers.errors(), texels, &mut room.errors);
-        fetch(view.stderr, layers.errors(), behind);
-        let [red, green, blue] = weights.block(&room.columns, layers, dot, &mut room.work);
-        let BlockWork { contracted, tail, left_out } = &room.work;
-        let variance = weights.noise.variance(&room.columns, contracted, tail, &room.errors);
-        let stderr = each(|j| variance[j].sqrt());
-        for (j, &t) in texels[..count].iter().enumerate() {
-            out[t] = [red[j], green[j], blue[j], stderr[j]];
-            totals.variance += f64::from(variance[j]);
-            totals.radiance += f64::from(red[j] + green[j] + blue[j]) / 3.0;
-        }
-        totals.texels += count as u64;
-        totals.left_out = totals.left_out.max(*left_out);
-    }
 }
 
 impl Contracted {

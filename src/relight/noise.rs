@@ -21,7 +21,7 @@
 //!
 //! Left out: the noise of emission, and correlations between the three channels (σ is that of their mean).
 
-use super::block::{LANES, Lanes, each};
+use super::block::{LANES, Lanes};
 use super::{Light, Material};
 use crate::sampling::statistics::POOLED_BANDS;
 use crate::sh::{Coefficients, project};
@@ -42,8 +42,7 @@ pub(super) const ROOT_FOUR_PI: f32 = 3.544_907_7;
 
 /// What the events of one layer bring.
 pub(super) struct LayerNoise {
-    // Of the layer's coefficients, and of its standard errors.
-    offset: usize,
+    // Of the layer's standard errors.
     error_offset: usize,
     bands: usize,
     // Means over the sphere of G_k and of its square.
@@ -82,7 +81,6 @@ impl NoiseWeights {
             }
             reached[k] = reached[k].max(square_bands);
             noise.push(LayerNoise {
-                offset: layers.offset(k),
                 error_offset: layers.error_offset(k),
                 bands,
                 mean: gain.mean() as f32,
@@ -95,70 +93,77 @@ impl NoiseWeights {
         Self(noise)
     }
 
-    /// Variance of the mean of the channels of each texel of a block, from the columns of its transfer, its contracted
-    /// layers, and the columns of its standard errors.
+    /// Variance of the mean of the channels of each texel of a block, from the first coefficients of its layers, their
+    /// contraction, and the columns of its standard errors.
     #[inline(always)]
     pub(super) fn variance(
         &self,
-        transfer: &[Lanes],
+        first: &[Lanes],
         contracted: &[[Lanes; 4]],
         tail: &TailRadiance,
         stderr: &[Lanes],
     ) -> Lanes {
         let last = self.0.len() - 1;
-        let channels = |k: usize| {
-            let [red, green, blue, _] = &contracted[k];
-            each(|j| (red[j] + green[j] + blue[j]) * (1.0 / 3.0))
-        };
-        let mut continued = [0.0; LANES];
-        for k in 1..=last {
-            let more = channels(k);
-            continued = each(|j| continued[j] + more[j]);
+        let mut continued = tail.beyond;
+        for [red, green, blue, _] in &contracted[1..] {
+            for j in 0..LANES {
+                continued[j] += mean(red[j], green[j], blue[j]);
+            }
         }
-        let first = &transfer[self.0[0].offset];
-        let continuation = each(|j| {
-            let blocked = 1.0 - ROOT_FOUR_PI * first[j];
-            let ratio = ((continued[j] + tail.beyond[j]) / blocked).max(0.0);
-            if blocked > 1e-6 { ratio } else { 0.0 }
-        });
-        let within_last = channels(last);
-        let tail_gain = each(|j| {
-            let gain = 1.0 + (tail.beyond[j] / within_last[j]).max(0.0);
-            if within_last[j] > 0.0 { gain } else { 1.0 }
-        });
+        let (mut continuation, mut tail_gain) = ([0.0; LANES], [0.0; LANES]);
+        let [red, green, blue, _] = &contracted[last];
+        for j in 0..LANES {
+            let blocked = 1.0 - ROOT_FOUR_PI * first[0][j];
+            let ratio = not_below_zero(continued[j] / blocked);
+            continuation[j] = if blocked > 1e-6 { ratio } else { 0.0 };
+            let within = mean(red[j], green[j], blue[j]);
+            let gain = 1.0 + not_below_zero(tail.beyond[j] / within);
+            tail_gain[j] = if within > 0.0 { gain } else { 1.0 };
+        }
         let mut sum = [0.0; LANES];
         for (k, layer) in self.0.iter().enumerate() {
-            let gain = if k == last { tail_gain } else { [1.0; LANES] };
+            let gain = if k == last { &tail_gain } else { &[1.0; LANES] };
             // K − 1 and K; with one layer there is no tail, and the slopes are 0.
-            let shift = match (k + 2).checked_sub(last + 1) {
-                Some(of) => each(|j| tail.slope[j] * tail.ratio_slopes[of][j]),
-                None => [0.0; LANES],
+            let ratio_slope = match (k + 2).checked_sub(last + 1) {
+                Some(of) => &tail.ratio_slopes[of],
+                None => &[0.0; LANES],
             };
+            // Paths that survive all layers are of the last.
+            let survival = if k == last && k > 0 { &tail.survival } else { &[0.0; LANES] };
             let variance = layer.event_variance(stderr);
-            let (escape, mean, square) = (&transfer[layer.offset], channels(k), &contracted[k][3]);
-            let beyond = k == last && k > 0;
-            sum = each(|j| {
-                let traded = continuation[j] - shift[j];
+            let [red, green, blue, square] = &contracted[k];
+            for j in 0..LANES {
+                let traded = continuation[j] - tail.slope[j] * ratio_slope[j];
+                let gain = gain[j];
                 let spread = |mean: f32, square: f32| {
-                    (square * gain[j] * gain[j] - 2.0 * traded * mean * gain[j] + traded * traded).max(0.0)
+                    not_below_zero(square * gain * gain - 2.0 * traded * mean * gain + traded * traded)
                 };
                 let anywhere = spread(layer.mean, layer.mean_square);
-                let a = ROOT_FOUR_PI * escape[j];
-                let there = spread(mean[j] / a, square[j] / a);
-                let known = variance[j] * (there + ELSEWHERE * (anywhere - there));
-                let unknown = variance[j] * anywhere;
-                let traded = continuation[j] - tail.slope[j] * tail.ratio_slopes[2][j];
-                let survivors = variance[j] * (tail.survival[j] / a) * traded * traded;
-                let known = if beyond { (sum[j] + known) + survivors } else { sum[j] + known };
-                if a > NO_DIRECTIONS { known } else { sum[j] + unknown }
-            });
+                let a = ROOT_FOUR_PI * first[k][j];
+                let per_a = 1.0 / a;
+                let there = spread(mean(red[j], green[j], blue[j]) * per_a, square[j] * per_a);
+                let of_survivors = continuation[j] - tail.slope[j] * tail.ratio_slopes[2][j];
+                let known = there + ELSEWHERE * (anywhere - there) + survival[j] * per_a * of_survivors * of_survivors;
+                sum[j] += variance[j] * if a > NO_DIRECTIONS { known } else { anywhere };
+            }
         }
         sum
     }
 }
 
+/// Mean of the channels.
+#[inline(always)]
+pub(super) fn mean(red: f32, green: f32, blue: f32) -> f32 {
+    (red + green + blue) * (1.0 / 3.0)
+}
+
+/// x, or 0 if it is less or not a number.
+#[inline(always)]
+fn not_below_zero(x: f32) -> f32 {
+    if x > 0.0 { x } else { 0.0 }
+}
+
 /// The tails of a block as far as their noise is concerned (means of the channels).
-#[derive(Clone, Copy)]
 pub(super) struct TailRadiance {
     /// Radiance beyond the last layer.
     pub(super) beyond: Lanes,
@@ -183,8 +188,15 @@ impl LayerNoise {
         let bands = self.bands.min(POOLED_BANDS);
         let mut sum = [0.0; LANES];
         for (l, s) in stderr[self.error_offset..][..bands].iter().enumerate() {
-            sum = each(|j| sum[j] + (2 * l + 1) as f32 * s[j] * s[j]);
+            let weight = (2 * l + 1) as f32;
+            for j in 0..LANES {
+                sum[j] += weight * s[j] * s[j];
+            }
         }
-        each(|j| ROOT_FOUR_PI * ROOT_FOUR_PI * sum[j] / (bands * bands) as f32)
+        let factor = ROOT_FOUR_PI * ROOT_FOUR_PI / (bands * bands) as f32;
+        for j in 0..LANES {
+            sum[j] *= factor;
+        }
+        sum
     }
 }

@@ -5,8 +5,6 @@
 //! fall geometrically, a_{K+j} = a_K r^j, with r = min(a_K/a_{K−1}, S_{K+1}/(S_{K+1}+a_K)). The second
 //! term keeps Σ a ≤ 1.
 
-use super::block::{Lanes, each};
-
 /// The tail of one texel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tail {
@@ -16,8 +14,11 @@ pub struct Tail {
     before: f32,
     /// a_K.
     last: f32,
-    /// S_{K+1}.
-    survival: f32,
+    /// S_{K+1}, the chance to survive all stored layers.
+    pub(super) survival: f32,
+    // 1/a_{K−1} and 1/(S_{K+1} + a_K).
+    per_before: f32,
+    per_all: f32,
 }
 
 impl Tail {
@@ -33,25 +34,44 @@ impl Tail {
 
     /// From Σ a_k, a_{K−1} and a_K.
     #[inline(always)]
-    fn beyond(escaped: f32, before: f32, last: f32) -> Self {
-        let survival = (1.0 - escaped).max(0.0);
-        let ratio = (last / before).min(survival / (survival + last));
+    pub(super) fn beyond(escaped: f32, before: f32, last: f32) -> Self {
+        let rest = 1.0 - escaped;
+        let survival = if rest > 0.0 { rest } else { 0.0 };
+        let (per_before, per_all) = (1.0 / before, 1.0 / (survival + last));
+        let (measured, cap) = (last * per_before, survival * per_all);
+        let ratio = if measured < cap { measured } else { cap };
         let ratio = if (before > 0.0) & (last > 0.0) { ratio } else { 0.0 };
-        Self { ratio, before, last, survival }
+        Self { ratio, before, last, survival, per_before, per_all }
     }
 
     /// Factor g of the tail: beyond the last layer's ρ^(K+1)⟨T_K, L⟩ comes g times it, g = ρ r/(1 − ρ r).
     #[inline(always)]
     pub fn gain(&self, albedo: f32) -> f32 {
-        let x = albedo * self.ratio;
-        x / (1.0 - x)
+        self.gain_and_slope(albedo)[0]
     }
 
-    /// ∂g/∂r of the gain.
+    /// The gain and its slope ∂g/∂r.
     #[inline(always)]
-    pub(super) fn gain_slope(&self, albedo: f32) -> f32 {
-        let rest = 1.0 - albedo * self.ratio;
-        albedo / (rest * rest)
+    pub(super) fn gain_and_slope(&self, albedo: f32) -> [f32; 2] {
+        let x = albedo * self.ratio;
+        let per_rest = 1.0 / (1.0 - x);
+        [x * per_rest, albedo * per_rest * per_rest]
+    }
+
+    /// ∂r/∂a_{K−1}, ∂r/∂a_K and ∂r/∂S_{K+1}, each of the others held; zeros where there is no tail.
+    #[inline(always)]
+    pub(super) fn ratio_slopes(&self) -> [f32; 3] {
+        let Self { ratio, before, last, survival, per_before, per_all } = *self;
+        let is_measured = last * (survival + last) <= survival * before;
+        // r/a_K of the measured ratio is 1/a_{K−1}.
+        let measured = [-ratio * per_before, per_before, 0.0];
+        let capped = [0.0, -survival * per_all * per_all, last * per_all * per_all];
+        let mut slopes = [0.0; 3];
+        for i in 0..3 {
+            let slope = if is_measured { measured[i] } else { capped[i] };
+            slopes[i] = if ratio > 0.0 { slope } else { 0.0 };
+        }
+        slopes
     }
 
     /// Exitant radiance per emitted radiance,
@@ -78,52 +98,5 @@ impl Tail {
         } else {
             (sum + power * decaying, forever)
         }
-    }
-}
-
-/// The tails of a block of texels.
-pub(super) struct Tails {
-    ratio: Lanes,
-    before: Lanes,
-    last: Lanes,
-    /// S_{K+1}, the chance to survive all stored layers.
-    pub(super) survival: Lanes,
-}
-
-impl Tails {
-    /// From Σ a_k, a_{K−1} if there is one, and a_K.
-    #[inline(always)]
-    pub(super) fn new(escaped: &Lanes, before: Option<&Lanes>, last: &Lanes) -> Self {
-        let before = *before.unwrap_or(&[0.0; super::block::LANES]);
-        let (ratio, survival) = (
-            each(|j| Tail::beyond(escaped[j], before[j], last[j]).ratio),
-            each(|j| Tail::beyond(escaped[j], before[j], last[j]).survival),
-        );
-        Self { ratio, before, last: *last, survival }
-    }
-
-    /// The tail of one texel.
-    #[inline(always)]
-    pub(super) fn at(&self, lane: usize) -> Tail {
-        let (ratio, survival) = (self.ratio[lane], self.survival[lane]);
-        Tail { ratio, before: self.before[lane], last: self.last[lane], survival }
-    }
-
-    /// ∂r/∂a_{K−1}, ∂r/∂a_K and ∂r/∂S_{K+1}, each of the others held; zeros where there is no tail.
-    #[inline(always)]
-    pub(super) fn ratio_slopes(&self) -> [Lanes; 3] {
-        let Self { ratio, before, last, survival } = self;
-        let all = each(|j| survival[j] + last[j]);
-        // Quotients first, choices after: so they are made for all lanes at once.
-        let measured = [each(|j| -ratio[j] / before[j]), each(|j| ratio[j] / last[j])];
-        let capped = [each(|j| -survival[j] / (all[j] * all[j])), each(|j| last[j] / (all[j] * all[j]))];
-        let is_measured = |j: usize| last[j] * all[j] <= survival[j] * before[j];
-        let chosen = [
-            each(|j| if is_measured(j) { measured[0][j] } else { 0.0 }),
-            each(|j| if is_measured(j) { measured[1][j] } else { capped[0][j] }),
-            each(|j| if is_measured(j) { 0.0 } else { capped[1][j] }),
-        ];
-        let some = |slope: &Lanes| each(|j| if ratio[j] <= 0.0 { 0.0 } else { slope[j] });
-        [some(&chosen[0]), some(&chosen[1]), some(&chosen[2])]
     }
 }

@@ -23,9 +23,12 @@ pub(super) fn texel(weights: &Weights, transfer: &[f32], stderr: &[f16], layers:
     let mut rgb = Vec4::ZERO;
     let mut contracted = [Vec4::ZERO; MAX_LAYERS];
     for (layer, &(offset, count)) in contracted.iter_mut().zip(&weights.spans) {
-        for (t, w) in transfer[offset..offset + count].iter().zip(&weights.rows[offset..offset + count]) {
-            *layer += *w * *t;
+        let mut sums = [Vec4::ZERO; 2];
+        for i in 0..count {
+            let (t, w, sum) = (transfer[offset + i], weights.rows[offset + i], &mut sums[i % 2]);
+            (0..4).for_each(|c| sum[c] = w[c].mul_add(t, sum[c]));
         }
+        *layer = sums[0] + sums[1];
         rgb += *layer;
     }
     let mut rgb = rgb.truncate();
@@ -38,7 +41,7 @@ pub(super) fn texel(weights: &Weights, transfer: &[f32], stderr: &[f16], layers:
         let of_last = contracted[last].truncate();
         let gained = of_last * Vec3::from_array(weights.albedo.map(|albedo| tail.gain(albedo)));
         rgb += gained;
-        let sloped = of_last * Vec3::from_array(weights.albedo.map(|albedo| tail.gain_slope(albedo)));
+        let sloped = of_last * Vec3::from_array(weights.albedo.map(|albedo| tail.gain_and_slope(albedo)[1]));
         (beyond, slope) = (sum(gained) * THIRD, sum(sloped) * THIRD);
         (slopes, survival) = (ratio_slopes(&escapes, tail.ratio), (1.0 - escapes.iter().sum::<f32>()).max(0.0));
         for c in 0..3 {
@@ -52,7 +55,7 @@ pub(super) fn texel(weights: &Weights, transfer: &[f32], stderr: &[f16], layers:
     let channels = |k: usize| sum(contracted[k].truncate()) * THIRD;
     let escape = |k: usize| ROOT_FOUR_PI * transfer[layers.offset(k)];
     let blocked = 1.0 - escape(0);
-    let continued = (1..=last).map(channels).sum::<f32>() + beyond;
+    let continued = (1..=last).map(channels).fold(beyond, |sum, mean| sum + mean);
     let continuation = if blocked > 1e-6 { (continued / blocked).max(0.0) } else { 0.0 };
     let tail_gain = if channels(last) > 0.0 { 1.0 + (beyond / channels(last)).max(0.0) } else { 1.0 };
     let mut variance = 0.0;
@@ -66,17 +69,19 @@ pub(super) fn texel(weights: &Weights, transfer: &[f32], stderr: &[f16], layers:
         let bands = layers.bands()[k].min(POOLED_BANDS);
         let errors = stderr[layers.error_offset(k)..][..bands].iter().map(|s| s.to_f32()).enumerate();
         let events = errors.fold(0.0, |sum, (l, s)| sum + (2 * l + 1) as f32 * s * s);
-        let events = ROOT_FOUR_PI * ROOT_FOUR_PI * events / (bands * bands) as f32;
+        let events = events * (ROOT_FOUR_PI * ROOT_FOUR_PI / (bands * bands) as f32);
         if escape(k) <= NO_DIRECTIONS {
             variance += events * anywhere;
             continue;
         }
-        let there = spread(channels(k) / escape(k), contracted[k].w / escape(k));
-        variance += events * (there + ELSEWHERE * (anywhere - there));
+        let per_escape = 1.0 / escape(k);
+        let there = spread(channels(k) * per_escape, contracted[k].w * per_escape);
+        let mut known = there + ELSEWHERE * (anywhere - there);
         if k == last && k > 0 {
             let traded = continuation - slope * slopes[2];
-            variance += events * (survival / escape(k)) * traded * traded;
+            known += survival * per_escape * traded * traded;
         }
+        variance += events * known;
     }
     Texel { rgb, variance, left_out }
 }
@@ -94,9 +99,11 @@ fn ratio_slopes(escapes: &[f32], ratio: f32) -> [f32; 3] {
     }
     let all = survival + last;
     if last * all <= survival * before {
-        [-ratio / before, ratio / last, 0.0]
+        // ratio = last / before.
+        [-ratio * (1.0 / before), 1.0 / before, 0.0]
     } else {
-        [0.0, -survival / (all * all), last / (all * all)]
+        let per_all = 1.0 / all;
+        [0.0, -survival * per_all * per_all, last * per_all * per_all]
     }
 }
 
@@ -180,38 +187,43 @@ fn blocks_give_the_bits_of_single_texels() {
     }
 }
 
-/// What the processor turns is what the definition turns.
+/// What the processor turns, widens and sums is what the definitions do.
 #[test]
 #[cfg(target_arch = "x86_64")]
 fn wide_registers_give_the_same_bits() {
-    use super::block::{self, LANES};
+    use super::block::{self, Column, LANES};
     use multiversion::{multiversion, target::match_target};
-    #[multiversion(targets("x86_64+avx+avx2+f16c"))]
-    fn both(stored: &[f16], n: usize, texels: &[usize; LANES], weights: &[Vec4]) -> Option<bool> {
+    #[multiversion(targets("x86_64+avx+avx2+f16c+fma+avx512f", "x86_64+avx+avx2+f16c+fma"))]
+    fn same(stored: &[f16], n: usize, texels: &[usize; LANES], weights: &[Vec4]) -> bool {
+        let [mut a, mut b]: [Vec<Column>; 2] = std::array::from_fn(|_| vec![[f16::ZERO; LANES]; n]);
+        block::columns(stored, n, texels, &mut a);
+        let bits = |sums: &[block::Lanes]| sums.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>();
+        let expected = [block::dot(&a, weights), std::array::from_fn(|i| block::widen(&a[i % n]))].map(|s| bits(&s));
         match_target! {
-            "x86_64+avx+avx2+f16c" => {
-                let (mut a, mut b) = (vec![[0.0; LANES]; n], vec![[0.0; LANES]; n]);
-                block::columns(stored, n, texels, &mut a);
+            "x86_64+avx+avx2+f16c+fma+avx512f" => {
                 block::wide::columns(stored, n, texels, &mut b);
-                let same = a.iter().flatten().zip(b.iter().flatten()).all(|(a, b)| a.to_bits() == b.to_bits());
-                let sums = [block::dot(&a, weights), block::wide::dot(&b, weights)];
-                Some(same && sums[0].map(|s| s.map(f32::to_bits)) == sums[1].map(|s| s.map(f32::to_bits)))
+                let widened = std::array::from_fn(|i| block::wide::widen(&b[i % n]));
+                let halves = bits(&block::wide::dot(&b, weights));
+                a == b && halves == expected[0] && expected == [block::wide::dot_512(&b, weights), widened].map(|s| bits(&s))
+            },
+            "x86_64+avx+avx2+f16c+fma" => {
+                block::wide::columns(stored, n, texels, &mut b);
+                let widened = std::array::from_fn(|i| block::wide::widen(&b[i % n]));
+                a == b && expected == [block::wide::dot(&b, weights), widened].map(|s| bits(&s))
             },
             _ => {
-                let _ = (stored, n, texels, weights);
-                None
+                b.clone_from(&a);
+                a == b && expected.len() == 2
             },
         }
     }
     // Every finite f16, in rows of all remainders modulo 8.
     let stored: Vec<f16> = (0..=u16::MAX).map(f16::from_bits).filter(|v| v.is_finite()).collect();
-    for n in [1, 4, 7, 8, 9, 15, 16, 100] {
+    for n in [1, 4, 7, 8, 9, 12, 15, 16, 17, 20, 100] {
         let weights: Vec<Vec4> = (0..n).map(|i| Vec4::new(1.0, 0.3, -0.1, 7.0) / (1.0 + i as f32)).collect();
         for first in (0..stored.len() / n - 2 * LANES).step_by(LANES) {
             let texels = std::array::from_fn(|j| first + j + j * j % 5);
-            if both(&stored, n, &texels, &weights) == Some(false) {
-                panic!("rows of {n}, texels {texels:?}");
-            }
+            assert!(same(&stored, n, &texels, &weights), "rows of {n}, texels {texels:?}");
         }
     }
 }
