@@ -37,7 +37,7 @@ impl Contracted {
     /// lookup is a convex combination of texels (its fallback, the unoccluded normal, is ≥ 0 under
     /// certified light).
     pub fn clamp_negative(&mut self) -> ClampReport {
-        let bricks: Vec<Sums> = self.radiance.par_chunks_mut(BRICK_TEXELS).map(clamp_brick).collect();
+        let bricks: Vec<Sums> = self.radiance.par_iter_mut().map(clamp_brick).collect();
         let mut sums = Sums::default();
         for b in bricks {
             sums.texels += b.texels;
@@ -54,7 +54,7 @@ impl Contracted {
     }
 }
 
-fn clamp_brick(brick: &mut [[f32; 4]]) -> Sums {
+fn clamp_brick(brick: &mut [[f32; 4]; BRICK_TEXELS]) -> Sums {
     let mut sums = Sums::default();
     for texel in brick.iter_mut().filter(|t| has_radiance(t[3])) {
         sums.of_texels += 1;

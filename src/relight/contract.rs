@@ -15,9 +15,8 @@ pub struct Contracted {
     pub(super) lattice: Lattice,
     // Brick index (x fastest) to slot, or NO_BRICK.
     pub(super) slots: Vec<u32>,
-    // Per slot 512 × (red, green, blue, standard error of their mean); of the last, below 0, are NO_LEVEL_SET and
-    // UNBAKED.
-    pub(super) radiance: Vec<[f32; 4]>,
+    // Per slot (red, green, blue, standard error of their mean); of the last, below 0, are NO_LEVEL_SET and UNBAKED.
+    pub(super) radiance: Vec<[[f32; 4]; BRICK_TEXELS]>,
     /// Noise of the bake as it shows under this light and material, over the valid texels contracted.
     pub noise: Noise,
     /// Largest S_∞ left out by emission at albedo 1, see [`Tail::emission`](super::Tail::emission); 0 otherwise.
@@ -94,7 +93,7 @@ impl Weights {
     }
 }
 
-/// Bricks that one task contracts: what a thread has begun no other can take over.
+/// Bricks that one task contracts at most: what a thread has begun no other can take over.
 const TASK: usize = 32;
 
 /// Multiplies the transfer of `bricks` (ascending, as [`crate::transfer::Selection::bricks`] gives them) with a light.
@@ -119,27 +118,22 @@ pub fn contract(
     for (slot, b) in bricks.iter().enumerate() {
         slots[b[0] + bx * (b[1] + by * b[2])] = slot as u32;
     }
-    // Zeroed memory, so that the threads that fill the pages are the first to touch them.
-    let mut radiance = vec![[0.0; 4]; bricks.len() * BRICK_TEXELS];
-    let totals = radiance
-        .par_chunks_mut(TASK * BRICK_TEXELS)
-        .zip(bricks.par_chunks(TASK))
+    let (mut radiance, mut totals): (Vec<_>, Vec<Result<BrickTotals>>) = (Vec::new(), Vec::new());
+    (0..bricks.len())
+        .into_par_iter()
+        .with_max_len(TASK)
         .map_init(
-            || Room::new(layers),
-            |room, (out, bricks)| {
-                let mut opened = bricks.iter().map(|&index| source.brick(index).map(Opened::new));
-                let mut next = opened.next().transpose()?;
-                let mut totals = Vec::with_capacity(TASK);
-                for out in out.chunks_exact_mut(BRICK_TEXELS) {
-                    let Some(brick) = std::mem::replace(&mut next, opened.next().transpose()?) else { break };
-                    totals.push(contract_brick(BrickJob { brick, next: next.as_ref(), weights: &weights, out, room }));
-                }
-                Ok(totals)
+            || Thread { room: Room::new(layers), ahead: None },
+            |thread, slot| {
+                let mut out = [[0.0; 4]; BRICK_TEXELS];
+                let totals = thread.contract(source, bricks, slot, &weights, &mut out);
+                (out, totals)
             },
         )
-        .collect::<Result<Vec<Vec<BrickTotals>>>>()?;
+        .unzip_into_vecs(&mut radiance, &mut totals);
     let mut sum = BrickTotals::default();
-    for t in totals.into_iter().flatten() {
+    for t in totals {
+        let t = t?;
         sum.variance += t.variance;
         sum.radiance += t.radiance;
         sum.texels += t.texels;
@@ -150,6 +144,35 @@ pub fn contract(
     Ok(Contracted { lattice: layout.lattice, slots, radiance, noise, emission_remainder: sum.left_out })
 }
 
+/// What a thread works with.
+struct Thread<'a> {
+    room: Room,
+    // The brick of a slot, opened before it is its turn, so that its memory is asked for in time.
+    ahead: Option<(usize, Opened<'a>)>,
+}
+
+impl<'a> Thread<'a> {
+    fn contract(
+        &mut self,
+        source: &'a dyn BrickSource,
+        bricks: &[[usize; 3]],
+        slot: usize,
+        weights: &Weights,
+        out: &mut [[f32; 4]; BRICK_TEXELS],
+    ) -> Result<BrickTotals> {
+        let open = |slot: usize| source.brick(bricks[slot]).map(Opened::new);
+        let brick = match self.ahead.take() {
+            Some((of, opened)) if of == slot => opened,
+            _ => open(slot)?,
+        };
+        if slot + 1 < bricks.len() {
+            self.ahead = Some((slot + 1, open(slot + 1)?));
+        }
+        let next = self.ahead.as_ref().map(|(_, opened)| opened);
+        Ok(contract_brick(BrickJob { brick, next, weights, out, room: &mut self.room }))
+    }
+}
+
 impl Contracted {
     /// Radiance of a texel and the standard error of the mean of its channels; below 0 in its place
     /// [`NO_LEVEL_SET`] or [`UNBAKED`].
@@ -158,11 +181,11 @@ impl Contracted {
         let [bx, by, _] = self.lattice.bricks();
         let slot = self.slots[texel[0] / BRICK + bx * (texel[1] / BRICK + by * (texel[2] / BRICK))];
         let inner = texel[0] % BRICK + BRICK * (texel[1] % BRICK + BRICK * (texel[2] % BRICK));
-        if slot == NO_BRICK { [0.0, 0.0, 0.0, UNBAKED] } else { self.radiance[slot as usize * BRICK_TEXELS + inner] }
+        if slot == NO_BRICK { [0.0, 0.0, 0.0, UNBAKED] } else { self.radiance[slot as usize][inner] }
     }
 
     /// Number of bricks contracted.
     pub fn bricks(&self) -> usize {
-        self.radiance.len() / BRICK_TEXELS
+        self.radiance.len()
     }
 }

@@ -64,9 +64,9 @@ pub fn contract_scene(
     for (slot, b) in bricks.iter().enumerate() {
         slots[b[0] + bx * (b[1] + by * b[2])] = slot as u32;
     }
-    let mut radiance = vec![[0.0, 0.0, 0.0, UNBAKED]; bricks.len() * BRICK_TEXELS];
+    let mut radiance = vec![[[0.0, 0.0, 0.0, UNBAKED]; BRICK_TEXELS]; bricks.len()];
     let totals = radiance
-        .par_chunks_mut(BRICK_TEXELS)
+        .par_iter_mut()
         .zip(bricks)
         .map(|(out, &index)| {
             let (Some(of_environment), Some(of_emission)) = (environment.brick(index)?, emission.brick(index)?) else {

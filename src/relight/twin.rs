@@ -162,7 +162,7 @@ fn blocks_give_the_bits_of_single_texels() {
                 let mut of_brick = 0.0;
                 for t in 0..BRICK_TEXELS {
                     let transfer: Vec<f32> = view.transfer[t * n..(t + 1) * n].iter().map(|v| v.to_f32()).collect();
-                    let [r, g, b, stderr] = found.radiance[slot * BRICK_TEXELS + t];
+                    let [r, g, b, stderr] = found.radiance[slot][t];
                     if view.validity[t] == 0 {
                         let expected = if transfer[0].is_nan() { UNBAKED } else { NO_LEVEL_SET };
                         assert_eq!([r, g, b, stderr], [0.0, 0.0, 0.0, expected]);

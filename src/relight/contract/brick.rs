@@ -92,7 +92,7 @@ pub(super) struct BrickJob<'a> {
     // What comes after it.
     pub(super) next: Option<&'a Opened<'a>>,
     pub(super) weights: &'a Weights,
-    pub(super) out: &'a mut [[f32; 4]],
+    pub(super) out: &'a mut [[f32; 4]; BRICK_TEXELS],
     pub(super) room: &'a mut Room,
 }
 
