@@ -95,7 +95,7 @@ fn contraction(path: &Path, isovalue: f64, repetitions: usize) -> Outcome {
     // processor fetches it ahead; in place it has gaps.
     let (n, e) = (layout.layers.coefficients(), layout.layers.errors());
     let bytes = valid * 2 * (n + e) + bricks.len() * BRICK_TEXELS;
-    let written = bricks.len() * BRICK_TEXELS * 20;
+    let written = bricks.len() * BRICK_TEXELS * size_of::<[f32; 4]>();
     eprintln!("{} bricks, {valid} valid texels, {bytes} bytes read, {written} written", bricks.len());
     let words: Vec<u64> = (0..bytes as u64 / 8).collect();
     let mut copy = vec![1u64; words.len()];
