@@ -1,6 +1,6 @@
 //! `isolume bake`: fills a transfer store.
 
-use super::baking::{self, ForLight, Goal, Job, Share, fill, layout_of_scene, parse_time, size_on_disk};
+use super::baking::{self, ForLight, Goal, Job, Share, Writing, fill, layout_of_scene, parse_time, size_on_disk};
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::Isovalue;
@@ -13,7 +13,7 @@ use crate::probe::Orientation;
 use crate::relight::Material;
 use crate::study::model::ENOUGH;
 use crate::transfer::Layout;
-use crate::transfer::store::Store;
+use crate::transfer::store::{Replacement, Store};
 use crate::volume::Volume;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -66,9 +66,15 @@ pub(super) struct Bake {
     /// Make an empty store, instead of an error, of a volume without any surface
     #[arg(long)]
     allow_empty: bool,
-    /// Replace a store that is there
+    /// Replace a store that is there, once the new one is complete; other files in its folder stay
     #[arg(long)]
     force: bool,
+    /// Do not wait until the disk has what is written: faster on slow disks, but a power cut may tear chunks
+    #[arg(long)]
+    no_sync: bool,
+    /// Write damaged metadata anew even if nothing else in the store proves that it is this command's
+    #[arg(long)]
+    repair: bool,
     /// Trace one texel alone, print its paths, and bake nothing
     #[arg(long, value_name = "X,Y,Z", value_parser = replay::parse_texel)]
     replay_texel: Option<[usize; 3]>,
@@ -93,9 +99,27 @@ impl Bake {
         if members > 1 && self.replay_texel.is_some() {
             return Err(joint::refuse("--replay-texel", "a volume alone", "give the volume itself"));
         }
+        let replacement = match &self.output {
+            Some(path) if self.force && self.replay_texel.is_none() && path.symlink_metadata().is_ok() => {
+                check_store(path)?;
+                Some(Replacement::begin(path)?)
+            }
+            _ => None,
+        };
+        let target = replacement.as_ref().map(Replacement::path).or_else(|| self.output.clone());
         let mut reports = Vec::new();
         for member in 0..members {
-            reports.extend(self.run_member(member, seed, start, console)?);
+            match self.run_member(member, target.as_deref(), seed, start, console) {
+                Ok(report) => reports.extend(report),
+                Err(failure) if replacement.is_some() => {
+                    let text = format!("{failure}\nthe old store is as it was: --force replaces it by a complete one");
+                    return Err(Failure::Message(text));
+                }
+                Err(failure) => return Err(failure),
+            }
+        }
+        if let Some(replacement) = replacement {
+            replacement.commit()?;
         }
         if let (1, Some(json)) = (members, reports.first()) {
             console.print_json(json);
@@ -106,7 +130,14 @@ impl Bake {
     }
 
     /// Bakes one volume of a scene; what is to be told of it, if it was baked.
-    fn run_member(&self, member: usize, seed: u64, start: Instant, console: &Console) -> Outcome<Option<Value>> {
+    fn run_member(
+        &self,
+        member: usize,
+        target: Option<&Path>,
+        seed: u64,
+        start: Instant,
+        console: &Console,
+    ) -> Outcome<Option<Value>> {
         let scene = self.scene.as_ref().map(|file| file.of_member(member));
         let scene = scene.as_ref();
         let mut opened = super::scene::open(&self.input, &self.volume, scene, &self.bake.transfer.effects())?;
@@ -153,17 +184,13 @@ impl Bake {
         job.goal = Goal { light, time: self.time, ..job.goal };
         job.hints.shown = self.verbose;
         (job.share, job.start) = (self.chunks, start);
+        job.writing = Writing { sync: !self.no_sync, repair: self.repair, ..Writing::default() };
         job.check_memory()?;
-        let Some(path) = &self.output else {
+        let (Some(path), Some(target)) = (&self.output, target) else {
             return Err(Failure::Message("the output is missing: give -o X.isolume".into()));
         };
-        if self.force && member == 0 && path.symlink_metadata().is_ok() {
-            // Only what is a store of ours may be deleted.
-            drop(Store::open(path)?);
-            std::fs::remove_dir_all(path).map_err(|e| crate::Error::io(path, "remove the old store", e))?;
-        }
-        let (store, report) = fill(&job, path, console)?;
-        let bytes = size_on_disk(path);
+        let (store, report) = fill(&job, target, console)?;
+        let bytes = size_on_disk(target);
         console.print(format!("{}\n{}", path.display(), report.lines(bytes)));
         Ok(Some(json!({
             "store": file_name(&path.display().to_string()),
@@ -266,6 +293,19 @@ impl Bake {
     }
 }
 
+/// Whether a directory has the folders of a store, whatever its metadata says.
+fn looks_like_a_store(path: &Path) -> bool {
+    path.join("volumes").is_dir() && path.join("transfer").is_dir()
+}
+
+/// Refuses to replace what is no store of ours; a damaged one may be replaced.
+fn check_store(path: &Path) -> Outcome {
+    match Store::open(path) {
+        Err(crate::Error::Format { .. }) if looks_like_a_store(path) => Ok(()),
+        result => Ok(result.map(drop)?),
+    }
+}
+
 /// Part of the time of `--auto` that the bake itself may take; the rest is for writing.
 const RESERVED: f64 = 0.9;
 
@@ -285,7 +325,7 @@ fn check_output(path: &Path) -> Outcome {
     if path.symlink_metadata().is_err() {
         return Ok(output::check_folder(path)?);
     }
-    if path.is_dir() && !path.join("zarr.json").exists() {
+    if path.is_dir() && !path.join("zarr.json").exists() && !looks_like_a_store(path) {
         return Err(crate::Error::argument(
             "output",
             path.display(),

@@ -79,6 +79,9 @@ impl Console {
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 while !done.load(Ordering::Relaxed) {
+                    if interrupts() > 0 {
+                        progress.stop.store(true, Ordering::Relaxed);
+                    }
                     if interrupts() >= most_interrupts {
                         progress.cancel.store(true, Ordering::Relaxed);
                     }

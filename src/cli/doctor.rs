@@ -3,7 +3,7 @@
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::Isovalue;
-use super::{Outcome, baking, info, input, text};
+use super::{Failure, Outcome, baking, info, input, text};
 use crate::error::{Error, Result};
 use crate::finding::Finding;
 use crate::probe::{self, Layout, ReadOptions};
@@ -18,8 +18,8 @@ use std::path::Path;
 
 /// Say what is unusual about a volume, an environment or a store, and what is done about it
 ///
-/// What the file is, is decided by its content. Findings are no errors: the exit code is 0 when the
-/// file can be read, 1 when it cannot.
+/// What the file is, is decided by its content. The exit code is 1 when the file cannot be read or when a store is
+/// damaged, and 0 when there is nothing but remarks.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume doctor brain.nii.gz
@@ -80,7 +80,10 @@ impl Doctor {
         console.print_json(&json!({
             "file": self.input, "kind": name, "summary": facts, "findings": findings,
         }));
-        Ok(())
+        match findings.iter().filter(|f| f.is_damage()).count() {
+            0 => Ok(()),
+            _ => Err(Failure::Message(format!("{} is damaged", file_name(&self.input)))),
+        }
     }
 
     fn volume(&self) -> Outcome<Diagnosis> {
@@ -177,7 +180,7 @@ fn store_at(argument: &str) -> Result<Diagnosis> {
     Ok(Diagnosis { summary, facts, findings })
 }
 
-fn selection(lattice: Lattice, volume: &Volume, held: &Holdings) -> Selection {
+pub(super) fn selection(lattice: Lattice, volume: &Volume, held: &Holdings) -> Selection {
     if held.all {
         return Selection::of_all_isosurfaces(lattice, volume);
     }

@@ -5,16 +5,19 @@ use super::console::Console;
 use super::input::file_name;
 use super::{baking, joint, text};
 use crate::error::Error;
-use crate::transfer::store::Store;
+use crate::transfer::store::{Store, StoreOptions};
 use serde_json::json;
 use std::path::PathBuf;
 
 /// Put together stores that were baked apart, such as the shares of several machines
 ///
 /// Only stores of the same volume, texture, layers, estimator and seed fit together. Where several hold a texel, the
-/// one of the most rays stays. The result does not depend on the order of the stores.
+/// one of the most rays stays. The result does not depend on the order of the stores. One store alone is copied; one of
+/// an older format becomes one of the format of today.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  isolume merge one.isolume two.isolume -o brain.isolume")]
+#[command(after_help = "Examples:
+  isolume merge one.isolume two.isolume -o brain.isolume
+  isolume merge old.isolume -o new.isolume   (stamps an older format anew)")]
 pub(super) struct Merge {
     /// Stores to read
     #[arg(value_name = "X.isolume", required = true)]
@@ -22,6 +25,9 @@ pub(super) struct Merge {
     /// Store to write into; made if it is not there
     #[arg(short, long, value_name = "X.isolume")]
     output: PathBuf,
+    /// Do not wait until the disk has what is written
+    #[arg(long)]
+    no_sync: bool,
 }
 
 impl Merge {
@@ -35,7 +41,8 @@ impl Merge {
         let volume = first.volume()?;
         // Every store must fit before one is touched.
         for store in &sources[1..] {
-            if let Some((field, stored, asked)) = first.identity().first_difference(store.identity()) {
+            let [one, other] = [first, store].map(|store| store.identity().in_current_format());
+            if let Some((field, stored, asked)) = one.first_difference(&other) {
                 return Err(Error::Mismatch {
                     path: store.path().into(),
                     field: field.into(),
@@ -46,7 +53,9 @@ impl Merge {
                 .into());
             }
         }
-        let target = Store::open_or_create(&self.output, &volume, first.identity(), first.provenance().clone())?;
+        let identity = first.identity().in_current_format();
+        let options = StoreOptions::default().sync(!self.no_sync);
+        let target = options.open_or_create(&self.output, &volume, &identity, first.provenance().clone())?;
         let _lock = target.lock()?;
         let mut rows = vec![["store", "chunks taken", "chunks that brought nothing"].map(String::from).to_vec()];
         let mut json_rows = Vec::new();

@@ -46,6 +46,7 @@ mod still;
 mod study;
 mod surface;
 mod text;
+mod verify;
 mod view;
 
 #[cfg(test)]
@@ -91,6 +92,7 @@ enum Command {
     Plan(Box<plan::Plan>),
     Bake(Box<bake::Bake>),
     Merge(merge::Merge),
+    Verify(verify::Verify),
     Compare(compare::Compare),
     Study(study::Study),
     Relight(Box<relight::Relight>),
@@ -163,6 +165,7 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         Command::Plan(command) => command.run(seed, console),
         Command::Bake(command) => command.run(seed, console),
         Command::Merge(command) => command.run(console),
+        Command::Verify(command) => command.run(console),
         Command::Compare(command) => command.run(seed, console),
         Command::Study(command) => command.run(seed, console),
         Command::Relight(command) => command.run(seed, console),

@@ -2,10 +2,11 @@
 //!
 //! The bytes go to a hidden temporary file in the folder of the target, which then takes the
 //! target's place by a rename. A failure removes it; only a kill in mid-write can leave one
-//! behind (`.isolume-*.tmp`). The rename is atomic towards other processes; it is not synced
-//! to the platter, so after a power cut the file system decides.
+//! behind (`.isolume-*.tmp`), which a later write in the same folder removes. The rename is atomic towards other
+//! processes, and the bytes are on the disk before it: a power cut leaves the old file or the new one.
 
 use crate::error::{Error, Result};
+use crate::staging::{self, folder_of};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -33,22 +34,18 @@ pub fn write<T>(path: impl AsRef<Path>, body: impl FnOnce(&mut BufWriter<File>) 
         return fill(path, file, body).map(|(value, _)| value);
     }
     let folder = folder_of(&target);
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".isolume-").suffix(".tmp");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // Goes through open(2), so the umask applies, as for any new file.
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    let temporary = builder.tempfile_in(folder).map_err(|e| Error::io(path, "create a file in its folder", e))?;
+    let temporary = staging::file_in(folder, staging::EXPORT, staging::EXPORT_SUFFIX)
+        .map_err(|e| Error::io(path, "create a file in its folder", e))?;
+    staging::sweep(folder, temporary.path());
     let file = temporary.as_file().try_clone().map_err(|e| Error::io(path, "open", e))?;
     let (value, file) = fill(path, file, body)?;
     if let Some(metadata) = existing {
         file.set_permissions(metadata.permissions()).map_err(|e| Error::io(path, "set the permissions of", e))?;
     }
+    file.sync_data().map_err(|e| Error::io(path, "write", e))?;
     drop(file);
     temporary.persist(&target).map_err(|e| Error::io(path, "replace", e.error))?;
+    staging::sync_directory(folder).map_err(|e| Error::io(path, "synchronise the folder of", e))?;
     Ok(value)
 }
 
@@ -128,10 +125,6 @@ fn link_target(path: &Path) -> Result<PathBuf> {
     }
     let target = fs::read_link(path).map_err(|e| Error::io(path, "follow the link", e))?;
     Ok(folder_of(path).join(target))
-}
-
-fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 #[cfg(test)]

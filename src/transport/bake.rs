@@ -2,20 +2,18 @@
 //! pure function of (seed, texel, replicate, bounce, path), so the bytes do not depend on threads or
 //! on which chunks are baked together.
 
+use super::chunks::for_each_chunk;
 use super::open::{Openness, unoccluded};
 use super::path::{Scratch, Settings, TexelEstimate, estimate};
 use super::summary::Summary;
 use crate::error::{Error, Result};
 use crate::level::{Counts, LevelField, Pyramid, Site};
-use crate::transfer::{BRICK, BRICK_TEXELS, Brick, CHUNK, Layout, Selection, validity};
+use crate::transfer::{BRICK, BRICK_TEXELS, Brick, Layout, Selection, validity};
 use crate::volume::{Sample, Volume, with_samples};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-
-/// Chunks computed together: enough work to keep all threads busy, little enough to hold.
-pub(super) const GROUP: usize = 8;
 
 /// Everything a bake reads.
 pub struct Bake<'a> {
@@ -40,9 +38,17 @@ pub struct Progress {
     pub photons: AtomicU64,
     /// Rays traced.
     pub rays: AtomicU64,
-    /// Set from outside to stop at the next brick; the bake then ends with what it has.
+    /// Set from outside to begin no other chunk; those in work are finished and handed on.
+    pub stop: AtomicBool,
+    /// Set from outside to stop at the next brick: chunks in work are lost.
     pub cancel: AtomicBool,
 }
+
+/// What there is of a chunk before a bake: its 64 bricks, x fastest; `None` if nothing.
+pub type Present<'a, Bricks = Vec<Option<Brick>>> = dyn Fn([usize; 3]) -> Result<Option<Bricks>> + Sync + 'a;
+
+/// Who takes a chunk when it is done. Called for one chunk at a time, but from any thread.
+pub type Sink<'a, Bricks = Vec<Option<Brick>>> = dyn FnMut([usize; 3], Bricks) -> Result<()> + Send + 'a;
 
 /// A baked brick and what it cost.
 pub struct BrickOutput {
@@ -75,7 +81,7 @@ impl Bake<'_> {
 }
 
 /// Bakes the selected texels, chunk after chunk, and hands each chunk's 4³ bricks (x fastest, `None`
-/// where nothing is selected) to `sink`, in the order of [`Bake::chunks`].
+/// where nothing is selected) to `sink` as soon as the last is done. Chunks are begun in the order given.
 ///
 /// `present` gives the bricks of a chunk that exist already. Their texels are kept, but selected ones of fewer rays
 /// than they get now are replaced: a texel never gets worse.
@@ -86,8 +92,8 @@ pub fn bake(
     bake: &Bake<'_>,
     chunks: &[[usize; 3]],
     progress: &Progress,
-    present: &(dyn Fn([usize; 3]) -> Result<Option<Vec<Option<Brick>>>> + Sync),
-    sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
+    present: &Present<'_>,
+    sink: &mut Sink<'_>,
 ) -> Result<Summary> {
     bake.check()?;
     with_samples!(bake.volume.samples(), s => {
@@ -114,50 +120,29 @@ pub(super) fn run<T: Sample>(
     estimator: &Estimator<'_>,
     chunks: &[[usize; 3]],
     progress: &Progress,
-    present: &(dyn Fn([usize; 3]) -> Result<Option<Vec<Option<Brick>>>> + Sync),
-    sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
+    present: &Present<'_>,
+    sink: &mut Sink<'_>,
 ) -> Result<Summary> {
-    let mut total = Summary::new(&bake.settings.layers);
     let openness = Openness::of(bake.volume, field);
-    const PER_SIDE: usize = CHUNK / BRICK;
-    const BRICKS: usize = PER_SIDE * PER_SIDE * PER_SIDE;
-    for group in chunks.chunks(GROUP) {
-        let mut before = Vec::new();
-        for &chunk in group {
-            before.push(present(chunk)?.unwrap_or_default());
+    let work = |scratch: &mut Scratch, before: &Option<Vec<Option<Brick>>>, index: [usize; 3], slot: usize| {
+        let old = before.as_ref().and_then(|bricks| bricks.get(slot)?.as_ref());
+        if !bake.selection.touches_brick(index) {
+            return old.map(|brick| BrickOutput { brick: brick.clone(), summary: Summary::default() });
         }
-        let mut outputs: Vec<Option<BrickOutput>> = (0..group.len() * BRICKS)
-            .into_par_iter()
-            // What a thread has begun no other can take over.
-            .with_max_len(1)
-            .map_init(Scratch::default, |scratch, i| {
-                let (chunk, b) = (group[i / BRICKS], i % BRICKS);
-                let inner = [b % PER_SIDE, b / PER_SIDE % PER_SIDE, b / PER_SIDE / PER_SIDE];
-                let index = std::array::from_fn(|a| chunk[a] * PER_SIDE + inner[a]);
-                let old = before[i / BRICKS].get(b).and_then(Option::as_ref);
-                if progress.cancel.load(Ordering::Relaxed) || !bake.selection.touches_brick(index) {
-                    return old.map(|brick| BrickOutput { brick: brick.clone(), summary: Summary::default() });
-                }
-                let output = brick_with(field, bake, &openness, estimator, index, old, scratch);
-                progress.texels.fetch_add(output.summary.texels, Ordering::Relaxed);
-                progress.rays.fetch_add(output.summary.counts.rays, Ordering::Relaxed);
-                Some(output)
-            })
-            .collect();
-        if progress.cancel.load(Ordering::Relaxed) {
-            break;
-        }
-        for (g, &chunk) in group.iter().enumerate() {
-            let mut bricks = Vec::with_capacity(BRICKS);
-            for slot in &mut outputs[g * BRICKS..(g + 1) * BRICKS] {
-                bricks.push(slot.take().map(|output| {
-                    total.add(&output.summary);
-                    output.brick
-                }));
-            }
-            sink(chunk, bricks)?;
-        }
-    }
+        let output = brick_with(field, bake, &openness, estimator, index, old, scratch);
+        progress.texels.fetch_add(output.summary.texels, Ordering::Relaxed);
+        progress.rays.fetch_add(output.summary.counts.rays, Ordering::Relaxed);
+        Some(output)
+    };
+    let mut hand_on = |chunk: [usize; 3], outputs: Vec<Option<BrickOutput>>| {
+        let split = |output: Option<BrickOutput>| output.map(|o| (o.brick, o.summary)).unzip();
+        let (bricks, summaries): (Vec<_>, Vec<_>) = outputs.into_iter().map(split).unzip();
+        sink(chunk, bricks)?;
+        Ok(summaries)
+    };
+    let mut total = Summary::new(&bake.settings.layers);
+    let mut add = |summaries: Vec<Option<Summary>>| summaries.iter().flatten().for_each(|s| total.add(s));
+    for_each_chunk(chunks, progress, present, &work, &mut hand_on, &mut add)?;
     Ok(total)
 }
 

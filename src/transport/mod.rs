@@ -11,6 +11,7 @@
 //! differ in keeping the layers apart and free of albedo).
 
 mod bake;
+mod chunks;
 mod combine;
 mod direct;
 mod gather;
@@ -25,7 +26,7 @@ mod summary;
 #[cfg(test)]
 mod tests;
 
-pub use bake::{Bake, BrickOutput, Progress, bake, bake_brick, estimates, pilot, trial};
+pub use bake::{Bake, BrickOutput, Present, Progress, Sink, bake, bake_brick, estimates, pilot, trial};
 pub use direct::{DirectSettings, Radiance, SurfacePoint, direct};
 pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};
 pub use path::{Settings, Target, TexelEstimate, radiance_weights};

@@ -1,6 +1,7 @@
 //! Filling a store: what to bake, what is there already, the bake itself.
 
 mod goal;
+mod repair;
 mod report;
 mod scene;
 mod todo;
@@ -18,7 +19,7 @@ use crate::relight::texels_of_isosurface;
 use crate::scene as scenes;
 use crate::scene::Effects;
 use crate::scene::geometry::Geometry;
-use crate::transfer::store::{ChunkExtent, Identity, Store};
+use crate::transfer::store::{ChunkExtent, Identity, Store, StoreLock, StoreOptions};
 use crate::transfer::{Brick, Lattice, Layout, Selection};
 use crate::transport::{
     Bake, Bias, GatherSettings, PhotonBake, PhotonMap, Progress, SceneSummary, Settings, Summary, Target, bake, gather,
@@ -26,19 +27,44 @@ use crate::transport::{
 };
 use crate::volume::{Shadowing, Volume};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use todo::{Part, Todo, texels_in};
 
-/// Chunks between two looks at whether the user wants to stop. The library bakes this many together.
-const GROUP: usize = 8;
 /// Texels and rays of the trial that the plan rests on.
 const PILOT_TEXELS: u64 = 2000;
 const PILOT_RAYS: u32 = 16;
 /// Accepted error of what the plan drops, relative to the brightest light.
 const TOLERANCE: f64 = 0.01;
 
+/// How a store is written and what of it is verified.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Writing {
+    /// Whether writes wait for the disk.
+    pub(super) sync: bool,
+    /// Whether damaged metadata is written anew without proof of whose store it is.
+    pub(super) repair: bool,
+    /// Whether every chunk is verified, not only those that are asked for.
+    pub(super) verify_all: bool,
+}
+
+impl Writing {
+    /// Of stores in the cache folder: they can be made again, their name says whose they are, and a command looks only at
+    /// what it needs of them.
+    pub(super) fn of_cache() -> Self {
+        Self { sync: false, repair: true, verify_all: false }
+    }
+}
+
+impl Default for Writing {
+    fn default() -> Self {
+        Self { sync: true, repair: false, verify_all: true }
+    }
+}
+
 /// A bake as asked for.
+#[derive(Clone)]
 pub(super) struct Job<'a> {
     pub(super) volume: &'a Volume,
     /// Name of the input without directories, for the record.
@@ -56,6 +82,9 @@ pub(super) struct Job<'a> {
     pub(super) start: Instant,
     pub(super) effects: &'a Effects,
     pub(super) hints: Hints,
+    pub(super) writing: Writing,
+    /// Only these chunks, by linear index; all where there is no list.
+    pub(super) only: Option<BTreeSet<usize>>,
     /// What stands around the volume; then the layout is coloured.
     pub(super) geometry: Option<&'a Geometry>,
 }
@@ -128,6 +157,10 @@ pub(super) struct Report {
     pub(super) summary: Summary,
     pub(super) chunks_baked: usize,
     pub(super) chunks_kept: usize,
+    /// Chunks that were damaged and baked again.
+    pub(super) damaged: usize,
+    /// Files of metadata and samples that were written anew.
+    pub(super) mended: usize,
     /// Rays per texel that were asked for; the most of any texel where they stop at an error.
     pub(super) rays: u32,
     /// What the standard errors of the summary are of.
@@ -182,6 +215,8 @@ impl<'a> Job<'a> {
             start: Instant::now(),
             effects,
             hints: Hints::default(),
+            writing: Writing::default(),
+            only: None,
             geometry: None,
         }
     }
@@ -279,7 +314,12 @@ impl Job<'_> {
             return Ok(self.selection().len());
         }
         let target = self.goal.error.map(goal::escape);
-        let store = Store::open(path)?;
+        let store = match Store::open(path) {
+            Ok(store) => store,
+            // The bake mends it first.
+            Err(Error::Format { .. }) if path.is_dir() => return Ok(self.selection().len()),
+            Err(other) => return Err(other),
+        };
         let among = self.geometry.and_then(Geometry::among);
         if among.is_some() && !store.volumes()?.contains(&self.volume.name) {
             return Ok(self.selection().len());
@@ -388,31 +428,45 @@ impl Job<'_> {
     }
 }
 
-/// Bakes what is missing into the store at `path`, which is made if there is none.
+/// Bakes what is missing or damaged into the store at `path`, which is made if there is none.
 pub(super) fn fill(job: &Job<'_>, path: &Path, console: &Console) -> Outcome<(Store, Report)> {
     job.check_memory()?;
     let pyramid = Pyramid::new(job.volume);
     let is_joint = job.geometry.is_some_and(|geometry| geometry.among().is_some());
-    // A volume may have to be added to the store of its partners.
-    let is_there = path.symlink_metadata().is_ok() && !is_joint;
-    let provenance = if is_there { Value::Null } else { job.provenance(&pyramid)? };
+    let provenance = match StoreOptions::knows(path, job.volume) {
+        true => Value::Null,
+        false => job.provenance(&pyramid)?,
+    };
     let mut report = Report { albedo: job.hints.albedo, ..Report::default() };
     if job.hints.shown {
         let plan = job.plan(&pyramid)?;
         console.print(super::plan::table(&plan));
         report.plan = Some(plan);
     }
+    let share = job.share.map(|share| (share.index, share.of));
+    // Before the first look at what is there: nobody else mends or replaces it meanwhile.
+    let early = if path.is_dir() { Some(StoreLock::take(path, share)?) } else { None };
+    let options = StoreOptions::default().sync(job.writing.sync).repair(job.writing.repair);
     let mut store = match is_joint {
-        true => Store::open_or_add(path, job.volume, &job.identity(), provenance)?,
-        false => Store::open_or_create(path, job.volume, &job.identity(), provenance)?,
+        true => options.open_or_add(path, job.volume, &job.identity(), provenance)?,
+        false => options.open_or_create(path, job.volume, &job.identity(), provenance)?,
     };
     {
-        let _lock = match job.share {
-            None => store.lock()?,
-            Some(share) => store.lock_share(share.index, share.of)?,
+        let _lock = match early {
+            Some(lock) => lock,
+            None => StoreLock::take(path, share)?,
         };
+        store.mended().iter().for_each(|what| console.note(what));
+        report.mended = store.mended().len();
+        let damaged = repair::set_damage_aside(job, &store, console)?;
         let quality = job.quality(&pyramid, &store, || job.selection(), job.start, console)?;
-        let mut todo = Todo::new(job, &store, job.claims(&quality.name))?;
+        let claims = job.claims(&quality.name);
+        let asked = store.asked()?;
+        store.ask(&claims.iter().fold(asked.clone(), |mut all, claim| {
+            all.add(claim.clone());
+            all
+        }))?;
+        let mut todo = Todo::new(job, &store, claims)?;
         if let Some(share) = job.share {
             let chunks = todo.kept + todo.missing;
             console.note(format!("share {} of {}: {chunks} chunks", share.index, share.of));
@@ -425,8 +479,10 @@ pub(super) fn fill(job: &Job<'_>, path: &Path, console: &Console) -> Outcome<(St
         report.error_of = goal::of_text(quality.name.as_ref());
         report.error = quality.name.as_ref().map(|t| t.error);
         report.goal = goal::goal_json(&job.goal);
+        report.damaged = damaged.len();
         let _guard = console.guard();
         run(job, &pyramid, &store, &mut todo, quality.target, console, &mut report)?;
+        repair::complete(job, &pyramid, &store, &asked, &damaged, quality.name.as_ref(), console, &mut report)?;
     }
     store.refresh();
     Ok((store, report))
@@ -521,15 +577,10 @@ fn bake_part(
     let mut summary = Summary::default();
     match job.estimator {
         Estimator::Path | Estimator::Photon => {
-            for group in part.chunks.chunks(GROUP) {
-                if interrupts() > 0 {
-                    break;
-                }
-                summary.add(&match map {
-                    Some(map) => photon_bake_from(&request, map, group, progress, &present, &mut sink)?,
-                    None => bake(&request, group, progress, &present, &mut sink)?,
-                });
-            }
+            summary.add(&match map {
+                Some(map) => photon_bake_from(&request, map, &part.chunks, progress, &present, &mut sink)?,
+                None => bake(&request, &part.chunks, progress, &present, &mut sink)?,
+            });
         }
         Estimator::Gather => {
             let gathered = gather(&request, &job.gather_settings(), &part.chunks, progress, &present, &mut sink)?;

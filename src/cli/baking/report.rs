@@ -44,7 +44,11 @@ impl Report {
     pub(in super::super) fn lines(&self, store_bytes: u64) -> String {
         let s = &self.summary;
         if self.chunks_baked == 0 {
-            return format!("nothing to bake: all {} chunks are there", self.chunks_kept);
+            let mended = match self.mended {
+                0 => String::new(),
+                n => format!("; {n} damaged files of metadata and samples were written anew"),
+            };
+            return format!("nothing to bake: all {} chunks are there{mended}", self.chunks_kept);
         }
         let escapes: Vec<String> = s.mean_escapes().iter().map(|a| format!("{a:.4}")).collect();
         let valid = s.valid as f64 / s.texels.max(1) as f64;

@@ -188,12 +188,7 @@ pub(super) fn bake_part(
         Ok(())
     };
     let mut summary = SceneSummary::default();
-    for group in part.chunks.chunks(super::GROUP) {
-        if super::interrupts() > 0 {
-            break;
-        }
-        summary.add(&bake_scene(&request, group, progress, &present, &mut sink)?);
-    }
+    summary.add(&bake_scene(&request, &part.chunks, progress, &present, &mut sink)?);
     report.summary.add(&summary.summary);
     match &mut report.scene {
         Some(scene) => scene.add(&summary),

@@ -61,7 +61,7 @@ impl<'a> Todo<'a> {
         }
         let mut groups: BTreeMap<Need, Vec<[usize; 3]>> = BTreeMap::new();
         for (c, asked) in touched.iter().enumerate().filter(|(_, asked)| !asked.is_empty()) {
-            if job.share.is_some_and(|share| !share.holds(c)) {
+            if job.share.is_some_and(|share| !share.holds(c)) || job.only.as_ref().is_some_and(|only| !only.contains(&c)) {
                 continue;
             }
             let chunk = [c % cx, c / cx % cy, c / cx / cy];

@@ -1,7 +1,7 @@
 //! Several volumes that were baked together, lit together: one file or picture holds the surfaces of all.
 
 use super::Relight;
-use crate::cli::baking::{self, Estimator, Goal, Hints, Job};
+use crate::cli::baking::{self, Goal, Job, Writing};
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, Isovalue, NamedIsovalue};
 use crate::cli::light::Lighting;
@@ -238,19 +238,13 @@ pub(super) fn bake(
         let layout = baking::layout_of_scene(transfer.layout(volume, &file.bands().unwrap_or(vec![5]))?, geometry);
         let settings = transfer.settings(&layout, seed, false);
         let job = Job {
-            volume,
-            label: &opened.label,
-            layout,
-            settings,
             goal: Goal { error: transfer.error, ..Goal::default() },
-            estimator: Estimator::Path,
             isovalues: Some(isovalues),
-            share: None,
             memory_limit: transfer.memory_limit,
             start,
-            effects: &effects,
-            hints: Hints::default(),
+            writing: if path.is_none() { Writing::of_cache() } else { Writing::default() },
             geometry,
+            ..Job::new(volume, &opened.label, layout, settings, &effects)
         };
         job.check_memory()?;
         if path.is_none() {

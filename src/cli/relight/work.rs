@@ -3,7 +3,7 @@
 use super::file::Context;
 use super::joint::{Companion, Member};
 use super::{Draft, Relight, Relit};
-use crate::cli::baking::{self, Goal, Job};
+use crate::cli::baking::{self, Goal, Job, Writing};
 use crate::cli::console::Console;
 use crate::cli::isovalue::Chosen;
 use crate::cli::output::{Format, Target, clean, make_folder, targets};
@@ -154,6 +154,7 @@ impl<'a> Work<'a> {
             memory_limit: transfer.memory_limit,
             start: self.start,
             geometry: self.geometry,
+            writing: Writing::of_cache(),
             ..Job::new(self.volume, label, layout, settings, &self.effects)
         };
         job.check_memory()?;
@@ -191,8 +192,7 @@ impl<'a> Work<'a> {
             settings: Settings { rays: DRAFT_RAYS, ..job.settings.clone() },
             goal: Goal::default(),
             layout,
-            isovalues: job.isovalues.clone(),
-            ..*job
+            ..job.clone()
         };
         let mut drafts = Vec::new();
         let all: u64 = lattice.texels().iter().map(|&m| m as u64).product();

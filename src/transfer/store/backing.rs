@@ -6,12 +6,13 @@
 //! over it. A map of the old file keeps the old bytes. (A system that forbids to replace a mapped
 //! file, as Windows does, answers a rewrite with an error and leaves the old file.)
 
+use super::archive::Archive;
 use super::zarr::FORMAT;
 use crate::error::{Error, Result};
+use crate::staging::{self, PARTIAL};
 use memmap2::Mmap;
-use std::collections::BTreeMap;
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Cursor, Read, Write};
+use std::io::{self, BufWriter, Read, Write};
 use std::ops::{Deref, Range};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,11 +22,6 @@ use tempfile::NamedTempFile;
 const MAP_ABOVE: u64 = 64 << 10;
 /// Longest metadata file that is read.
 const LONGEST_TEXT: usize = 64 << 20;
-/// How temporary files and directories of a store begin.
-pub(super) const PARTIAL: &str = ".partial-";
-/// Starts of the entries of archives that [`pack`] makes are multiples of this: enough for every
-/// type a store holds, and a cache line.
-const ALIGNMENT: u16 = 64;
 
 /// Bytes of a file, aligned to 4 at least.
 #[derive(Debug)]
@@ -59,12 +55,13 @@ impl Deref for Bytes {
 /// was verified, a reader sees other numbers. All mapped bytes are used as plain integers and
 /// f16, for which every bit pattern is a value.
 #[allow(unsafe_code)]
-fn map(file: &File) -> io::Result<Mmap> {
+pub(super) fn map(file: &File) -> io::Result<Mmap> {
     // SAFETY: as argued above.
     unsafe { Mmap::map(file) }
 }
 
-fn copy(mut source: impl Read, length: usize) -> io::Result<Bytes> {
+/// Reads `length` bytes into aligned memory.
+pub(super) fn copy(mut source: impl Read, length: usize) -> io::Result<Bytes> {
     let mut words = vec![0u32; length.div_ceil(4)];
     source.read_exact(&mut bytemuck::cast_slice_mut(&mut words)[..length])?;
     Ok(Bytes::Copy(words, length))
@@ -74,18 +71,58 @@ fn copy(mut source: impl Read, length: usize) -> io::Result<Bytes> {
 #[derive(Debug)]
 pub(super) enum Backing {
     /// A directory.
-    Directory(PathBuf),
+    Directory(Directory),
     /// A zip archive in which every entry is stored without compression.
     Archive(Archive),
 }
 
-/// A mapped zip archive.
+/// The directory of a store, as it was when the store was opened.
 #[derive(Debug)]
-pub(super) struct Archive {
+pub(super) struct Directory {
     path: PathBuf,
-    map: Arc<Mmap>,
-    // Invariant: ranges lie inside `map`.
-    entries: BTreeMap<String, Range<usize>>,
+    // Held open, so that the system gives its number to no other directory.
+    #[cfg(unix)]
+    handle: File,
+}
+
+impl Directory {
+    /// Opens the directory at `path`.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn open(path: &Path) -> Result<Self> {
+        #[cfg(unix)]
+        let handle = File::open(path).map_err(|e| Error::io(path, "open the store", e))?;
+        Ok(Self {
+            path: path.into(),
+            #[cfg(unix)]
+            handle,
+        })
+    }
+
+    /// Where it was when it was opened.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether the path still leads to the directory that was opened.
+    ///
+    /// # Errors
+    /// When it was moved, removed or replaced: what is written now would go into another store.
+    pub fn check(&self) -> Result<()> {
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::MetadataExt;
+            let number = |m: fs::Metadata| (m.dev(), m.ino());
+            let opened = self.handle.metadata().map(number).ok();
+            if opened.is_none() || fs::metadata(&self.path).map(number).ok() != opened {
+                let text = "it was moved, removed or replaced since it was opened; nothing more is written. What was \
+                            written before is where the store is now";
+                return Err(Error::io(&self.path, "write into the store", io::Error::other(text)));
+            }
+        }
+        Ok(())
+    }
 }
 
 impl Backing {
@@ -95,13 +132,13 @@ impl Backing {
     /// When there is neither at `path`, or the archive is damaged or compressed.
     pub fn open(path: &Path) -> Result<Self> {
         let kind = fs::metadata(path).map_err(|e| Error::io(path, "open the store", e))?;
-        if kind.is_dir() { Ok(Self::Directory(path.into())) } else { Archive::open(path).map(Self::Archive) }
+        if kind.is_dir() { Directory::open(path).map(Self::Directory) } else { Archive::open(path).map(Self::Archive) }
     }
 
     /// The path of the directory or archive.
     pub fn path(&self) -> &Path {
         match self {
-            Self::Directory(path) => path,
+            Self::Directory(directory) => directory.path(),
             Self::Archive(archive) => &archive.path,
         }
     }
@@ -114,7 +151,7 @@ impl Backing {
     /// Whether there is a file for a key.
     pub fn exists(&self, key: &str) -> bool {
         match self {
-            Self::Directory(root) => root.join(key).is_file(),
+            Self::Directory(root) => root.path.join(key).is_file(),
             Self::Archive(archive) => archive.entries.contains_key(key),
         }
     }
@@ -122,7 +159,7 @@ impl Backing {
     /// Length of the file of a key.
     pub fn length(&self, key: &str) -> Option<u64> {
         match self {
-            Self::Directory(root) => fs::metadata(root.join(key)).ok().filter(fs::Metadata::is_file).map(|m| m.len()),
+            Self::Directory(root) => fs::metadata(root.path.join(key)).ok().filter(fs::Metadata::is_file).map(|m| m.len()),
             Self::Archive(archive) => archive.entries.get(key).map(|range| range.len() as u64),
         }
     }
@@ -134,8 +171,8 @@ impl Backing {
     pub fn bytes(&self, key: &str) -> Result<Option<Bytes>> {
         match self {
             Self::Directory(root) => {
-                let path = root.join(key);
-                match File::open(&path).and_then(|file| file_bytes(&file)) {
+                let path = root.path.join(key);
+                match open_plain(&path).and_then(|file| file_bytes(&file)) {
                     Ok(bytes) => Ok(Some(bytes)),
                     Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => Ok(None),
                     Err(e) => Err(Error::io(path, "read", e)),
@@ -180,25 +217,21 @@ impl Backing {
                 "unpack it and bake into the directory",
             ));
         };
-        let target = root.join(key);
+        root.check()?;
+        let target = root.path.join(key);
         let failed = |e| Error::io(&target, "write", e);
-        let parent = target.parent().unwrap_or(root);
-        fs::create_dir_all(parent).map_err(failed)?;
+        let parent = target.parent().unwrap_or(&root.path);
+        staging::make_directories(parent, sync).map_err(failed)?;
         let name = target.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let prefix = format!("{PARTIAL}{name}-");
         sweep(parent, &prefix);
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(&prefix);
-        // Otherwise the file would stay readable for its owner alone. The umask still applies.
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let mut file = builder.tempfile_in(parent).map_err(failed)?;
+        let mut file = staging::file_in(parent, &prefix, "").map_err(failed)?;
         // The file itself: errors of the wrapper would name the temporary path beside ours.
         let mut out = BufWriter::with_capacity(64 << 10, file.as_file_mut());
         write(&mut out).and_then(|()| out.flush()).map_err(failed)?;
         drop(out);
         if sync {
-            file.as_file().sync_all().map_err(failed)?;
+            file.as_file().sync_data().map_err(failed)?;
         }
         Ok(Staged { file, target, sync })
     }
@@ -212,6 +245,14 @@ impl Backing {
     }
 }
 
+/// Opens a file for reading; what is no plain file (a pipe, a device) is an error and never waited for.
+fn open_plain(path: &Path) -> io::Result<File> {
+    if !fs::metadata(path)?.is_file() {
+        return Err(io::Error::other("it is not a plain file"));
+    }
+    File::open(path)
+}
+
 /// Removes what a killed run left of a file that is now written again.
 fn sweep(directory: &Path, prefix: &str) {
     // A failure here only leaves the clutter where it is.
@@ -222,7 +263,8 @@ fn sweep(directory: &Path, prefix: &str) {
     }
 }
 
-fn file_bytes(file: &File) -> io::Result<Bytes> {
+/// The bytes of an open file, mapped where that pays.
+pub(super) fn file_bytes(file: &File) -> io::Result<Bytes> {
     let kind = file.metadata()?;
     if !kind.is_file() {
         return Err(io::Error::other("it is a directory, not a file"));
@@ -247,7 +289,7 @@ pub(super) struct Staged {
 }
 
 impl Staged {
-    /// Renames the file to its place, over the one that may be there.
+    /// Renames the file to its place, over the one that may be there; the disk has it afterwards if `sync` was asked for.
     ///
     /// # Errors
     /// When the system refuses.
@@ -255,153 +297,8 @@ impl Staged {
         let Self { file, target, sync } = self;
         file.persist(&target).map_err(|e| Error::io(&target, "put into its place", e.error))?;
         if sync && let Some(parent) = target.parent() {
-            File::open(parent).and_then(|d| d.sync_all()).map_err(|e| Error::io(parent, "synchronise", e))?;
+            staging::sync_directory(parent).map_err(|e| Error::io(parent, "synchronise", e))?;
         }
         Ok(())
     }
-}
-
-/// A directory under a temporary name beside `path`, to become `path` by a rename.
-///
-/// # Errors
-/// When the system refuses to make it.
-pub(super) fn temporary_directory(path: &Path) -> Result<tempfile::TempDir> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(PARTIAL);
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777));
-    builder.tempdir_in(parent_of(path)).map_err(|e| Error::io(path, "create the store", e))
-}
-
-/// The directory that holds `path`.
-fn parent_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    }
-}
-
-impl Archive {
-    fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(|e| Error::io(path, "open the store", e))?;
-        let mut magic = [0; 4];
-        let known = (&file).read_exact(&mut magic).is_ok() && magic == *b"PK\x03\x04";
-        if !known {
-            let expected = "the directory of a store, or a zip archive of one";
-            return Err(
-                Error::format(FORMAT, "a file of another kind", expected, "give the path of a store").in_file(path)
-            );
-        }
-        let map = map(&file).map_err(|e| Error::io(path, "map the archive", e))?;
-        let entries = entries(&map).map_err(|e| e.in_file(path))?;
-        Ok(Self { path: path.into(), map: Arc::new(map), entries })
-    }
-
-    fn bytes(&self, key: &str) -> Result<Option<Bytes>> {
-        let Some(range) = self.entries.get(key) else { return Ok(None) };
-        let part = &self.map[range.clone()];
-        if (part.as_ptr() as usize).is_multiple_of(4) {
-            return Ok(Some(Bytes::Part(self.map.clone(), range.clone())));
-        }
-        copy(part, part.len()).map(Some).map_err(|e| Error::io(self.path.join(key), "copy", e))
-    }
-}
-
-/// Entries of an archive by key. `zip -r x.zip X.isolume` puts the directory's name before
-/// every key; a first part that all entries share is taken off.
-fn entries(archive: &[u8]) -> Result<BTreeMap<String, Range<usize>>> {
-    let damaged =
-        |found: String| Error::format("zip archive", found, "a complete zip archive", "copy or pack the archive again");
-    let mut zip = zip::ZipArchive::new(Cursor::new(archive)).map_err(|e| damaged(e.to_string()))?;
-    let mut entries = BTreeMap::new();
-    for i in 0..zip.len() {
-        let file = zip.by_index_raw(i).map_err(|e| damaged(e.to_string()))?;
-        // A damaged name would make a chunk look as if it had never been baked. Every name stands
-        // twice in an archive, and nothing else protects it.
-        let name = file.name_raw();
-        let header = usize::try_from(file.header_start()).ok().and_then(|start| archive.get(start..)).unwrap_or(&[]);
-        let length = header.get(26..28).map(|n| usize::from(n[0]) | usize::from(n[1]) << 8);
-        if length != Some(name.len()) || header.get(30..30 + name.len()) != Some(name) {
-            return Err(damaged(format!("entry {} with another name at its data", file.name())));
-        }
-        if file.is_dir() {
-            continue;
-        }
-        if file.compression() != zip::CompressionMethod::Stored || file.encrypted() {
-            return Err(Error::format(
-                "zip archive",
-                format!("compressed or encrypted entry {}", file.name()),
-                "entries stored as they are, so that they can be mapped",
-                "pack the directory again with: zip -0 -r",
-            ));
-        }
-        let range = file.data_start().and_then(|start| {
-            let start = usize::try_from(start).ok()?;
-            let end = start.checked_add(usize::try_from(file.size()).ok()?)?;
-            (end <= archive.len()).then_some(start..end)
-        });
-        let Some(range) = range else { return Err(damaged(format!("entry {} beyond the end", file.name()))) };
-        entries.insert(file.name().to_owned(), range);
-    }
-    let top = entries.keys().next().and_then(|key| key.split_once('/')).map(|(top, _)| format!("{top}/"));
-    if let Some(top) = top
-        && entries.keys().all(|key| key.starts_with(&top))
-    {
-        entries = entries.into_iter().map(|(key, range)| (key[top.len()..].to_owned(), range)).collect();
-    }
-    Ok(entries)
-}
-
-/// Packs the files of a directory into a zip archive, without compression, in the order of their
-/// keys, aligned, and with a fixed date, so that equal stores give equal archives. Hidden files
-/// (locks, leftovers) stay out.
-///
-/// # Errors
-/// When a file cannot be read or the archive cannot be written.
-pub(super) fn pack(directory: &Path, out: &Path) -> Result<()> {
-    let mut keys = Vec::new();
-    list(directory, "", &mut keys)?;
-    keys.sort();
-    let failed = |e: io::Error| Error::io(out, "write the archive", e);
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(PARTIAL);
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let mut file = builder.tempfile_in(parent_of(out)).map_err(failed)?;
-    let mut zip = zip::ZipWriter::new(BufWriter::with_capacity(1 << 20, file.as_file_mut()));
-    let options = zip::write::SimpleFileOptions::default()
-        .compression_method(zip::CompressionMethod::Stored)
-        .last_modified_time(zip::DateTime::default())
-        .unix_permissions(0o644)
-        .with_alignment(ALIGNMENT);
-    for key in keys {
-        let path = directory.join(&key);
-        let bytes = File::open(&path).and_then(|f| file_bytes(&f)).map_err(|e| Error::io(&path, "read", e))?;
-        let options = options.large_file(bytes.len() > u32::MAX as usize);
-        zip.start_file(key, options).map_err(|e| failed(e.into()))?;
-        zip.write_all(&bytes).map_err(failed)?;
-    }
-    let mut rest = zip.finish().map_err(|e| failed(e.into()))?;
-    rest.flush().map_err(failed)?;
-    drop(rest);
-    file.persist_noclobber(out).map_err(|e| failed(e.error))?;
-    Ok(())
-}
-
-fn list(directory: &Path, prefix: &str, keys: &mut Vec<String>) -> Result<()> {
-    let failed = |e| Error::io(directory, "list", e);
-    for entry in fs::read_dir(directory).map_err(failed)? {
-        let entry = entry.map_err(failed)?;
-        let name = entry.file_name().to_string_lossy().into_owned();
-        if name.starts_with('.') {
-            continue;
-        }
-        let key = format!("{prefix}{name}");
-        if entry.file_type().map_err(failed)?.is_dir() {
-            list(&entry.path(), &format!("{key}/"), keys)?;
-        } else {
-            keys.push(key);
-        }
-    }
-    Ok(())
 }

@@ -2,12 +2,14 @@
 //!
 //! # What one chunk consists of
 //! Four shard files, one for each array, and a record of its extent. All five carry one *stamp*,
-//! a hash of the record, which holds the chunk's index and a digest of all bricks. Files from
-//! different writings, or moved from another chunk, therefore never pass for a whole.
+//! a hash of the record, which holds the chunk's index, the identity of its store, the name of its group, and a digest of
+//! all bricks. Files from different writings, or moved from another chunk, group or store, therefore never pass for a
+//! whole. (Records of the formats 1 and 2 do not name their store: there whole chunks of another one are not noticed.)
 //!
 //! # Order of writing
 //! All five files are completed beside their places first, then renamed: the record, `validity`,
-//! `rays`, `stderr`, and `transfer` last. A chunk exists if and only if its `transfer` shard does.
+//! `rays`, `stderr`, and `transfer` last. A chunk exists if and only if its `transfer` shard does. Where writes are
+//! synchronised, the disk has the four others and their names before `transfer` takes its own.
 //! A run that is killed between two renames leaves either no `transfer` shard, so that the chunk
 //! does not exist, or (where an older chunk is replaced) files with two stamps: *torn*. Bakes
 //! treat a torn chunk as not baked and write it again; readers, after a few more tries in case
@@ -19,6 +21,7 @@ use super::super::texture::{check_brick, check_index};
 use super::super::{BRICK_TEXELS, Brick, BrickSource, BrickView, Layers, Layout};
 use super::backing::{Backing, Bytes, Staged};
 use super::zarr::{self, FORMAT, Presence, SIDE, SLOTS, STAMP, ShardTail};
+use super::identity::{FORMAT_VERSION, STAMPED_VERSION};
 use super::{ChunkExtent, Store};
 use crate::error::{Error, Result};
 use serde_json::{Value, json};
@@ -67,6 +70,14 @@ fn bytes_of(brick: &Brick) -> [&[u8]; 4] {
     ]
 }
 
+/// Where a record says that it belongs, for people.
+fn origin(of: &Value) -> String {
+    let text = |key: &str| of[key].as_str().unwrap_or("unknown").to_owned();
+    let store = text("store");
+    let short = store.get(..12).unwrap_or(&store);
+    format!("volume {}, group {}, seed {}, identity {short}…", text("volume"), text("group"), of["seed"])
+}
+
 /// The stamp of a record and its hexadecimal digits.
 fn stamp_of(record: &Value) -> ([u8; STAMP], String) {
     let hash = super::hash_of(record);
@@ -76,13 +87,29 @@ fn stamp_of(record: &Value) -> ([u8; STAMP], String) {
 }
 
 impl Store {
-    fn shard_key(&self, array: usize, index: [usize; 3]) -> String {
+    pub(super) fn shard_key(&self, array: usize, index: [usize; 3]) -> String {
         let (name, fourth) = ARRAYS[array];
         zarr::chunk_key(&format!("{}/{name}", self.env), index, fourth)
     }
 
-    fn extent_key(&self, [x, y, z]: [usize; 3]) -> String {
-        format!("{}/extent/{z}.{y}.{x}.json", self.env)
+    pub(super) fn extent_key(&self, [x, y, z]: [usize; 3]) -> String {
+        format!("{}/extent/{z}.{y}.{x}.json", self.records_key())
+    }
+
+    /// The folder of what is no part of Zarr: in that of an array, where readers of Zarr do not look.
+    pub(super) fn records_key(&self) -> String {
+        if self.is_stamped() { format!("{}/rays", self.env) } else { self.env.clone() }
+    }
+
+    /// Whether records name their store.
+    fn is_stamped(&self) -> bool {
+        self.identity.format_version >= STAMPED_VERSION
+    }
+
+    /// The part of a record that says where it belongs.
+    fn belongs(&self) -> Value {
+        let (volume, group) = self.env.trim_start_matches("transfer/").split_once('/').unwrap_or_default();
+        json!({ "store": self.identity_hash, "volume": volume, "group": group, "seed": self.identity.seed })
     }
 
     fn slot(&self, [x, y, z]: [usize; 3]) -> usize {
@@ -95,10 +122,7 @@ impl Store {
         let [x, y, z] = index;
         let remedy = match &self.backing {
             Backing::Archive(_) => "copy or pack the archive again".to_owned(),
-            Backing::Directory(_) => format!(
-                "delete this chunk file ({}) and run bake again: only it is redone",
-                self.backing.name(&self.shard_key(0, index)).display()
-            ),
+            Backing::Directory(_) => "run the same bake again: it redoes what is damaged".to_owned(),
         };
         let found = format!("in chunk ({x}, {y}, {z}) {}", found.into());
         Error::format(FORMAT, found, expected, remedy).in_file(self.backing.name(key))
@@ -115,6 +139,11 @@ impl Store {
     pub fn write_chunk(&self, index: [usize; 3], bricks: Vec<Option<Brick>>, extent: &ChunkExtent) -> Result<()> {
         self.check_chunk(index, &bricks)?;
         extent.check()?;
+        if !self.is_stamped() {
+            let found = format!("{}, of format {}", self.path().display(), self.identity.format_version);
+            let remedy = "convert it: isolume merge OLD.isolume -o NEW.isolume";
+            return Err(Error::argument("store", found, format!("a store of format {FORMAT_VERSION}"), remedy));
+        }
         let sums: Vec<Option<[u32; 4]>> =
             bricks.iter().map(|b| b.as_ref().map(|b| bytes_of(b).map(zarr::checksum))).collect();
         let mut digest = blake3::Hasher::new();
@@ -127,6 +156,7 @@ impl Store {
         let digest = digest.finalize().to_hex();
         let mut record = json!({
             "chunk": index,
+            "of": self.belongs(),
             "baked": extent.to_json(),
             "bricks": sums.iter().flatten().count(),
             "payload": &digest[..2 * STAMP],
@@ -144,6 +174,8 @@ impl Store {
             let key = self.shard_key(array, index);
             staged.push(self.backing.stage(&key, self.sync, |out| zarr::write_shard(out, &chunks, &stamp))?);
         }
+        // Once more, now that the long part is over.
+        self.directory()?.check()?;
         staged.into_iter().try_for_each(Staged::commit)
     }
 
@@ -247,11 +279,18 @@ impl Store {
         };
         let stored = record.as_object_mut().and_then(|fields| fields.shift_remove("stamp"));
         let (stamp, digits) = stamp_of(&record);
-        let parsed = ChunkExtent::from_json(&record["baked"]).zip(record["bricks"].as_u64());
+        let extent = match self.identity.format_version {
+            1 => ChunkExtent::from_first_format(&record),
+            _ => ChunkExtent::from_json(&record["baked"]),
+        };
+        let parsed = extent.zip(record["bricks"].as_u64());
+        let is_whole = stored == Some(json!(digits)) && record["chunk"] == json!(index);
+        if is_whole && self.is_stamped() && record["of"] != self.belongs() {
+            let (found, expected) = (origin(&record["of"]), origin(&self.belongs()));
+            return Err(self.damage(&key, index, format!("a chunk of another store, {found}"), expected));
+        }
         match parsed {
-            Some((extent, bricks)) if stored == Some(json!(digits)) && record["chunk"] == json!(index) => {
-                Ok((extent, stamp, bricks as usize))
-            }
+            Some((extent, bricks)) if is_whole => Ok((extent, stamp, bricks as usize)),
             _ => {
                 let stored = stored.as_ref().map_or_else(|| "nothing".into(), zarr::shorten);
                 Err(self.damage(&key, index, format!("a record with stamp {digits}"), format!("stamp {stored}")))

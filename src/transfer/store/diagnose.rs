@@ -9,6 +9,8 @@
 //! | `uneven` | chunks baked otherwise than most |
 //! | `not finite` | texels with transfer that is not finite |
 //! | `invalid texels`, `clamped texels` | texels without a level set; with one that was moved |
+//! | `damaged metadata` | files that other programs read and that are not what the identity implies |
+//! | `old format` | a store whose chunks do not say which store they belong to |
 //! | `leftovers` | files of a run that was killed |
 //! | `locked` | a lock file |
 
@@ -16,7 +18,7 @@
 
 use super::backing::Backing;
 use super::chunk::examine::{ChunkState, Texels};
-use super::{Baked, ChunkExtent, Holdings, Store};
+use super::{Baked, ChunkCheck, ChunkExtent, Holdings, Store, mend};
 use crate::error::{Error, Result};
 use crate::finding::Finding;
 use crate::transfer::Selection;
@@ -53,8 +55,9 @@ pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selecti
     let volume = match store.volume() {
         Ok(volume) => Some(volume),
         Err(error @ (Error::Format { .. } | Error::Argument { .. })) => {
-            let handled = "relight and bake refuse this store: restore the file from a copy, or bake again";
-            findings.push(Finding::new("damaged volume", (1, 1, "volumes"), error.to_string(), handled));
+            let handled = "relight refuses this store; the bake that made it, run again, restores the samples from the \
+                           volume's own file";
+            findings.push(Finding::new("damaged volume", (1, 1, "volumes"), error.to_string(), handled).damage());
             None
         }
         Err(other) => return Err(other),
@@ -70,9 +73,25 @@ pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selecti
     };
     let (mut sound, mut texels) = (0, Texels::default());
     let (mut holes, mut torn, mut damaged, mut places) = (0, Vec::new(), 0, Vec::new());
+    let groups = store.other_groups()?;
     for index in indices() {
-        match store.examine_chunk(index, &selected)? {
-            ChunkState::Absent => holes += u64::from(selected.touches_chunk(index)),
+        let state = store.examine_chunk(index, &selected)?;
+        if !matches!(state, ChunkState::Absent) {
+            for group in &groups {
+                let what = match group.verify_one(index, &Selection::empty(store.layout.lattice))? {
+                    ChunkCheck::Sound(_) => continue,
+                    ChunkCheck::Damaged(what) => what,
+                    ChunkCheck::Absent => format!("{}: missing", group.path().join(group.shard_key(0, index)).display()),
+                };
+                damaged += 1;
+                places.push(what);
+            }
+        }
+        match state {
+            ChunkState::Absent => match store.orphan(index) {
+                Some(name) => torn.push(format!("{name}: missing, while other files of the chunk are there")),
+                None => holes += u64::from(selected.touches_chunk(index)),
+            },
             ChunkState::Torn(name) => torn.push(name.display().to_string()),
             ChunkState::Damaged(errors) => {
                 damaged += 1;
@@ -86,14 +105,14 @@ pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selecti
     }
     let chunks = (cx * cy * cz) as u64;
     if damaged > 0 {
-        let handled = "relight and bake refuse such a chunk by name; the others stay usable, and a bake redoes only \
-                       what was deleted";
-        findings.push(Finding::new("damaged chunks", (damaged, chunks, "chunks"), listed(&places), handled));
+        let handled = "relight refuses such a chunk by name; the others stay usable, and a bake redoes what is damaged";
+        findings.push(Finding::new("damaged chunks", (damaged, chunks, "chunks"), listed(&places), handled).damage());
     }
     if !torn.is_empty() {
         let handled = "a run was killed between two renames. The next bake takes such a chunk for not baked and \
                        writes it again; relight refuses it";
-        findings.push(Finding::new("torn chunks", (torn.len() as u64, chunks, "chunks"), listed(&torn), handled));
+        let count = (torn.len() as u64, chunks, "chunks");
+        findings.push(Finding::new("torn chunks", count, listed(&torn), handled).damage());
     }
     if extents.is_empty() && damaged == 0 && torn.is_empty() {
         let handled = "relight finds no transfer; bake with the same options to fill it";
@@ -109,10 +128,27 @@ pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selecti
             handled,
         ));
     }
+    findings.extend(metadata_findings(store)?);
     findings.extend(texel_findings(&texels));
     findings.extend(uneven(&extents));
+    findings.extend(old_format(store));
     findings.extend(leftovers(store));
     Ok(Diagnosis { chunks, sound, bricks: texels.bricks, held, findings })
+}
+
+/// Metadata that this program does not need to read the chunks, but others do.
+fn metadata_findings(store: &Store) -> Result<Option<Finding>> {
+    let mut wrong = mend::wrong_nodes(&store.backing, store.node(), &store.identity, &store.layout)?;
+    if wrong.is_empty() {
+        let copies = mend::wrong_copies(&store.backing, &store.volumes()?)?;
+        wrong = copies.into_iter().map(|key| format!("zarr.json: its copy of the metadata of {key}")).collect();
+    }
+    wrong.extend(store.asked_damage()?);
+    if wrong.is_empty() {
+        return Ok(None);
+    }
+    let handled = "other programs may read wrong numbers; the bake that made the store, run again, writes it anew";
+    Ok(Some(Finding::new("damaged metadata", (wrong.len() as u64, 0, "files"), listed(&wrong), handled).damage()))
 }
 
 /// The first few of many lines.
@@ -174,16 +210,27 @@ fn uneven(extents: &[ChunkExtent]) -> Option<Finding> {
     })
 }
 
+/// A store from before chunks were stamped with its identity.
+fn old_format(store: &Store) -> Option<Finding> {
+    let version = store.identity.format_version;
+    (version < super::identity::STAMPED_VERSION).then(|| {
+        let text = format!("format {version}: a whole chunk of another store would not be noticed in it");
+        let handled = format!("it is read as it is; `isolume merge {} -o NEW.isolume` stamps it", store.path().display());
+        Finding::new("old format", (1, 0, "items"), text, handled)
+    })
+}
+
 /// What a killed run left.
 fn leftovers(store: &Store) -> Vec<Finding> {
     let Backing::Directory(root) = &store.backing else { return Vec::new() };
+    let root = root.path();
     let mut found = Vec::new();
     let mut partial = 0;
     count_partial(root, &mut partial);
     if partial > 0 {
-        let handled = "they are not part of the store and no reader looks at them; the next bake of the same chunk \
-                       removes them";
-        let text = format!("files named {}…: a run was killed while it wrote", super::backing::PARTIAL);
+        let handled = "they are not part of the store and no reader looks at them; the next bake removes those that \
+                       are in its way or an hour old";
+        let text = format!("files named {}…: a run was killed while it wrote", crate::staging::PARTIAL);
         found.push(Finding::new("leftovers", (partial, 0, "files"), text, handled));
     }
     if let Ok(holder) = std::fs::read_to_string(root.join(".lock")) {
@@ -198,7 +245,7 @@ fn leftovers(store: &Store) -> Vec<Finding> {
 fn count_partial(directory: &Path, count: &mut u64) {
     // What cannot be listed is found when it is read.
     for entry in std::fs::read_dir(directory).into_iter().flatten().flatten() {
-        if entry.file_name().to_string_lossy().starts_with(super::backing::PARTIAL) {
+        if entry.file_name().to_string_lossy().starts_with(crate::staging::PARTIAL) {
             *count += 1;
         } else if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
             count_partial(&entry.path(), count);

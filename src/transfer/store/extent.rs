@@ -112,6 +112,28 @@ impl ChunkExtent {
         Some(extent)
     }
 
+    /// Reads the record of a chunk of format 1: one claim for all isosurfaces, or one for each of a list.
+    pub(super) fn from_first_format(record: &Value) -> Option<Self> {
+        let isovalues = match &record["isovalues"] {
+            Value::String(all) if all == "all" => vec![None],
+            Value::Array(list) => list.iter().map(|v| v.as_f64().map(Some)).collect::<Option<_>>()?,
+            _ => return None,
+        };
+        let target = match &record["error_target"] {
+            Value::Null => None,
+            error => Some(ErrorTarget { error: error.as_f64()?, of: "the error of format 1".into() }),
+        };
+        let rays = record["rays"].as_u64()?.try_into().ok()?;
+        let mut extent = Self::default();
+        isovalues.into_iter().for_each(|isovalue| extent.add(Baked { isovalue, rays, target: target.clone() }));
+        Some(extent)
+    }
+
+    /// Adds all claims of another extent.
+    pub fn join(&mut self, other: &Self) {
+        other.claims.iter().for_each(|claim| self.add(claim.clone()));
+    }
+
     pub(super) fn check(&self) -> Result<()> {
         let numbers = self.claims.iter().flat_map(|c| c.isovalue.into_iter().chain(c.target.as_ref().map(|t| t.error)));
         match numbers.into_iter().find(|v| !v.is_finite()) {
@@ -150,6 +172,19 @@ mod tests {
         // 30 at 16 follows from 30 at 64, and 60 at 0.02 from 60 at 0.01.
         assert_eq!(seen[0].claims().len(), 4);
         assert!(seen.iter().all(|extent| *extent == seen[0]));
+    }
+
+    #[test]
+    fn records_of_the_first_format_are_read() {
+        let list = json!({ "isovalues": [30.0, -2.5], "rays": 64, "error_target": null });
+        let extent = ChunkExtent::from_first_format(&list).unwrap();
+        assert_eq!(extent.claims(), [claim(Some(-2.5), 64, None), claim(Some(30.0), 64, None)]);
+        let all = json!({ "isovalues": "all", "rays": 16, "error_target": 0.1 });
+        let extent = ChunkExtent::from_first_format(&all).unwrap();
+        assert_eq!(extent.claims()[0].target.as_ref().map(|t| t.error), Some(0.1));
+        for damaged in [json!({}), json!({ "isovalues": ["x"], "rays": 1 }), json!({ "isovalues": "all", "rays": -1 })] {
+            assert_eq!(ChunkExtent::from_first_format(&damaged), None);
+        }
     }
 
     #[test]

@@ -8,15 +8,19 @@ use crate::volume::{Solid, Volume};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Version of the format that this program writes and the only one it reads.
-pub const FORMAT_VERSION: u32 = 2;
+/// Version of the format that this program writes.
+pub const FORMAT_VERSION: u32 = 3;
+/// The oldest version that it reads.
+pub const OLDEST_FORMAT_VERSION: u32 = 1;
+/// From this version on the record of a chunk says which store it belongs to, and lies in the folder of `rays`.
+pub(super) const STAMPED_VERSION: u32 = 3;
 
 /// What decides the numbers in a store. Two bakes with equal identities fill one store; with
 /// different ones they are refused ([`Error::Mismatch`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Identity {
-    /// Version of the format, [`FORMAT_VERSION`].
+    /// Version of the format: [`FORMAT_VERSION`], or that of an older store.
     pub format_version: u32,
     /// [`Volume::content_hash`].
     pub volume: String,
@@ -71,6 +75,12 @@ impl Identity {
         }
     }
 
+    /// The same bake in a store of the format that is written today.
+    #[must_use]
+    pub fn in_current_format(&self) -> Self {
+        Self { format_version: FORMAT_VERSION, ..self.clone() }
+    }
+
     /// The groups of its store, the environment first.
     pub fn groups(&self) -> Vec<Group> {
         let Some(scene) = &self.scene else { return vec![Group::Environment] };
@@ -108,7 +118,7 @@ impl Identity {
         }
         let names = self.scene.iter().filter_map(|scene| scene.coupling.as_ref());
         let mut names = names.flat_map(|c| c.partners.iter().map(|p| &p.name).chain([&c.name]));
-        if names.any(|name| name.is_empty() || *name != super::node_name(name)) {
+        if names.any(|name| name.is_empty() || *name != super::metadata::node_name(name)) {
             let found = "a name of a volume that is no node";
             return Err(Error::format(FORMAT, found, "names of letters, digits, - and _", METADATA_REMEDY));
         }
@@ -146,18 +156,25 @@ impl Identity {
         pairs.into_iter().find(|(a, b)| a != b).map(|((name, a), (_, b))| (name, a, b))
     }
 
-    /// Refuses an identity that differs from that of the store at `path`.
-    pub(super) fn check(&self, asked: &Self, path: &Path) -> Result<()> {
-        match self.first_difference(asked) {
-            None => Ok(()),
-            Some((field, stored, asked)) => Err(Error::Mismatch {
-                path: path.into(),
-                field: field.into(),
-                stored,
-                asked,
-                remedy: format!("give another output with -o, or delete {} to bake anew", path.display()),
-            }),
+    /// Refuses an identity that differs from that of the store at `path`. `names`: of the volume that it holds and of
+    /// the one given, for people.
+    pub(super) fn check(&self, asked: &Self, path: &Path, names: [&str; 2]) -> Result<()> {
+        let Some((field, mut stored, mut asked)) = self.first_difference(asked) else { return Ok(()) };
+        let mut remedy = format!("give another output with -o, or --force to replace {}", path.display());
+        if field == "volume" {
+            let shown = |name: &str, hash: String| match names[0] == names[1] {
+                true => format!("{name} with BLAKE3 {}…", hash.get(..12).unwrap_or(&hash)),
+                false => name.to_owned(),
+            };
+            (stored, asked) = (shown(names[0], stored), shown(names[1], asked));
         }
+        if field == "format_version" {
+            remedy = format!(
+                "it can be read, not extended: convert it with `isolume merge {} -o NEW.isolume`, or {remedy}",
+                path.display()
+            );
+        }
+        Err(Error::Mismatch { path: path.into(), field: field.into(), stored, asked, remedy })
     }
 }
 

@@ -4,8 +4,8 @@
 //! identity of each says which partners it was baked among, and how their isovalues follow its own.
 
 use super::zarr::{self, FORMAT, METADATA_REMEDY};
-use super::{Backing, Identity, Store, check_chunks, check_group, check_provenance, check_volume, node_name};
-use super::{nodes_of, open_root, required_json, root_about, sealed, unsealed, volume};
+use super::metadata::{check_group, node_name, open_root, required_json, root_about, sealed, unsealed};
+use super::{Backing, Identity, Store, StoreOptions, volume};
 use crate::error::{Error, Result};
 use crate::volume::Volume;
 use serde::{Deserialize, Serialize};
@@ -81,40 +81,11 @@ impl Store {
         identity: &Identity,
         provenance: Value,
     ) -> Result<Self> {
-        let path = path.as_ref();
-        if path.symlink_metadata().is_err() {
-            return Self::open_or_create(path, volume, identity, provenance);
-        }
-        let store = Self::open(path)?;
-        let node = node_name(&volume.name);
-        let mut held = store.volumes()?;
-        if !held.contains(&node) {
-            // Whoever is there must know the new one as a partner, and how it is coupled.
-            for name in &held {
-                let other = store.of_volume(name)?;
-                if !expects(&other, identity) {
-                    let stored = format!("{name} {}", other.coupling_text());
-                    let asked = format!("{} {}", volume.name, coupling_text(identity));
-                    let remedy = format!("give another output with -o, or delete {} to bake anew", path.display());
-                    return Err(Error::Mismatch { path: path.into(), field: "volumes".into(), stored, asked, remedy });
-                }
-            }
-            let layout = identity.layout()?;
-            check_chunks(&layout)?;
-            check_volume(volume, identity)?;
-            check_provenance(&provenance)?;
-            store.directory()?;
-            let nodes = nodes_of(volume, identity, &layout, provenance)?;
-            held.push(node.clone());
-            store.add(volume, &held, nodes)?;
-        }
-        let store = store.of_volume(&node)?;
-        store.identity.check(identity, path)?;
-        Ok(store)
+        StoreOptions::default().open_or_add(path, volume, identity, provenance)
     }
 
     /// Writes the parts of another volume, the root last: until it names the volume the store is as it was.
-    fn add(&self, volume: &Volume, held: &[String], nodes: Vec<(String, Value)>) -> Result<()> {
+    pub(super) fn add(&self, volume: &Volume, held: &[String], nodes: Vec<(String, Value)>) -> Result<()> {
         let root = required_json(&self.backing, "zarr.json")?;
         let known = root["consolidated_metadata"]["metadata"].as_object().cloned().unwrap_or_default();
         let put = |key: &str, value: &Value| self.backing.put(key, self.sync, format!("{value:#}\n").as_bytes());
@@ -128,10 +99,6 @@ impl Store {
         let mut root = zarr::group(sealed(root_about(held)));
         zarr::consolidate(&mut root, &all);
         put("zarr.json", &root)
-    }
-
-    fn coupling_text(&self) -> String {
-        coupling_text(&self.identity)
     }
 }
 
@@ -151,7 +118,7 @@ pub(super) fn coupling_text(identity: &Identity) -> String {
 }
 
 /// Whether a volume of a store was baked among one of the identity, and the other way round.
-fn expects(store: &Store, identity: &Identity) -> bool {
+pub(super) fn expects(store: &Store, identity: &Identity) -> bool {
     let of = |identity: &Identity| identity.scene.clone().and_then(|scene| scene.coupling);
     let (Some(ours), Some(theirs)) = (of(&store.identity), of(identity)) else { return false };
     let names = |own: &CouplingIdentity, other: &CouplingIdentity, identity: &Identity| {

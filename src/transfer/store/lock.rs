@@ -19,13 +19,26 @@ pub struct StoreLock {
     _files: Vec<Locked>,
 }
 
+impl StoreLock {
+    /// Takes the lock of the store in a directory before it is opened; with `(i, n)` that of share i of n.
+    ///
+    /// # Errors
+    /// As [`super::Store::lock`] and [`super::Store::lock_share`].
+    pub fn take(directory: impl AsRef<Path>, share: Option<(usize, usize)>) -> Result<Self> {
+        match share {
+            None => lock(directory.as_ref()),
+            Some((share, shares)) => lock_share(directory.as_ref(), share, shares),
+        }
+    }
+}
+
 #[derive(Debug)]
 struct Locked {
     path: PathBuf,
     file: File,
 }
 
-const COMMON: &str = ".lock";
+const COMMON: &str = crate::staging::LOCK;
 const SHARE: &str = ".lock-share-";
 
 /// Takes the lock of the store in `directory`.
@@ -59,8 +72,7 @@ fn take(directory: &Path, name: &str, try_lock: fn(&File) -> std::result::Result
     let failed = |e| Error::io(&path, "lock the store", e);
     // A holder that lets go removes the file; whoever locked the removed one tries again.
     for _ in 0..64 {
-        let mut options = OpenOptions::new();
-        let file = options.read(true).write(true).create(true).truncate(false).open(&path).map_err(failed)?;
+        let file = open_lock(&path)?;
         match try_lock(&file) {
             Ok(()) => {}
             Err(TryLockError::Error(e)) => return Err(failed(e)),
@@ -84,6 +96,38 @@ fn take(directory: &Path, name: &str, try_lock: fn(&File) -> std::result::Result
         }
     }
     Err(failed(std::io::Error::other("other processes take and leave the lock all the time")))
+}
+
+/// Opens the lock file, or makes it. A link is not followed and a pipe not waited for: what is written into the file must
+/// not land in another.
+fn open_lock(path: &Path) -> Result<File> {
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).create(true).truncate(false);
+    #[cfg(unix)]
+    {
+        use rustix::fs::OFlags;
+        use std::os::unix::fs::OpenOptionsExt;
+        options.custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32);
+    }
+    let foreign = || {
+        let remedy = "remove it: a store's lock is a plain file that isolume makes";
+        Error::argument("store", format!("{}, a link or no plain file", path.display()), "a plain file", remedy)
+    };
+    let file = options.open(path).map_err(|e| match path.symlink_metadata() {
+        Ok(kind) if !kind.is_file() => foreign(),
+        _ => Error::io(path, "lock the store", e),
+    })?;
+    if is_shared_or_special(&file) { Err(foreign()) } else { Ok(file) }
+}
+
+/// Whether the file is no plain file, or has other names.
+fn is_shared_or_special(file: &File) -> bool {
+    let Ok(metadata) = file.metadata() else { return true };
+    #[cfg(unix)]
+    if std::os::unix::fs::MetadataExt::nlink(&metadata) > 1 {
+        return true;
+    }
+    !metadata.is_file()
 }
 
 impl Drop for Locked {

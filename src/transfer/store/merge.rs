@@ -1,6 +1,6 @@
 //! Putting together what was baked apart: the chunks of one store taken over into another of the same identity.
 
-use super::{ChunkExtent, Store};
+use super::Store;
 use crate::error::Result;
 use crate::transfer::{BRICK_TEXELS, Brick, Layers, validity};
 
@@ -15,17 +15,20 @@ pub struct MergeReport {
 
 impl Store {
     /// Takes over every texel of `other` that is better than the one here: a baked one over none, one of more rays
-    /// over one of fewer. Claims of both hold afterwards. Shares of one bake give the same bytes in any order.
+    /// over one of fewer. Claims of both hold afterwards. `other` may be of an older format. Shares of one bake give the same bytes in any order.
     ///
     /// # Errors
     /// When the identities differ, a chunk of either is damaged, or the system refuses.
     pub fn take_from(&self, other: &Self) -> Result<MergeReport> {
-        other.identity.check(&self.identity, other.path())?;
+        // A store of an older format is taken over chunk by chunk: writing stamps it anew.
+        let identity = other.identity.in_current_format();
+        identity.check(&self.identity, other.path(), [other.node(), self.node()])?;
         let is_whole = self.env.ends_with("/env");
         for group in self.identity.groups().iter().skip(1).filter(|_| is_whole) {
             // Those first: a chunk counts as there when the environment's is.
             self.group(group)?.take_from(&other.group(group)?)?;
         }
+        self.ask(&other.asked()?)?;
         let [cx, cy, cz] = self.layout.lattice.chunks();
         let mut report = MergeReport::default();
         for c in 0..cx * cy * cz {
@@ -37,7 +40,7 @@ impl Store {
                 continue;
             };
             let before = extent.clone();
-            join(&mut extent, &their_extent);
+            extent.join(&their_extent);
             let mut changed = extent != before;
             for (slot, theirs) in ours.iter_mut().zip(theirs) {
                 changed |= better(slot, theirs, &self.layout.layers);
@@ -50,10 +53,6 @@ impl Store {
         }
         Ok(report)
     }
-}
-
-fn join(extent: &mut ChunkExtent, other: &ChunkExtent) {
-    other.claims().iter().for_each(|claim| extent.add(claim.clone()));
 }
 
 /// Replaces the texels of a brick by better ones of another; whether there were any.

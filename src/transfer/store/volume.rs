@@ -82,7 +82,7 @@ pub(super) fn metadata(volume: &Volume) -> Value {
         name: volume.name.clone(),
         notes,
     };
-    let attributes = super::sealed(json!(attributes));
+    let attributes = super::metadata::sealed(json!(attributes));
     array(volume.dims(), volume.samples().type_name()).metadata(attributes)
 }
 
@@ -126,22 +126,44 @@ fn for_each_row(
 /// # Errors
 /// When the system refuses to write.
 pub(super) fn write(backing: &Backing, key: &str, volume: &Volume, sync: bool) -> Result<()> {
+    for_each_chunk(volume.dims(), |index, start, size| {
+        backing.put(&zarr::chunk_key(key, index, false), sync, &chunk_bytes(volume, start, size))
+    })
+}
+
+/// A chunk of the array as it stands in its file.
+fn chunk_bytes(volume: &Volume, start: [usize; 3], size: [usize; 3]) -> Vec<u8> {
     let (dims, bytes) = (volume.dims(), volume.samples().bytes());
     let width = bytes.len() / volume.samples().len();
-    for_each_chunk(dims, |index, start, size| {
-        let mut chunk = vec![0u8; SIDE.pow(3) * width];
-        for_each_row(dims, start, size, width, |outer, inner| chunk[inner].copy_from_slice(&bytes[outer]));
-        let sum = zarr::checksum(&chunk);
-        chunk.extend(sum.to_le_bytes());
-        backing.put(&zarr::chunk_key(key, index, false), sync, &chunk)
-    })
+    let mut chunk = vec![0u8; SIDE.pow(3) * width];
+    for_each_row(dims, start, size, width, |outer, inner| chunk[inner].copy_from_slice(&bytes[outer]));
+    let sum = zarr::checksum(&chunk);
+    chunk.extend(sum.to_le_bytes());
+    chunk
+}
+
+/// Writes those files of the array at `key` that do not hold the samples of `volume`; how many there were.
+///
+/// # Errors
+/// When the system refuses.
+pub(super) fn mend(backing: &Backing, key: &str, volume: &Volume, sync: bool) -> Result<u64> {
+    let mut mended = 0;
+    for_each_chunk(volume.dims(), |index, start, size| {
+        let (file, expected) = (zarr::chunk_key(key, index, false), chunk_bytes(volume, start, size));
+        if backing.bytes(&file)?.is_none_or(|found| *found != *expected) {
+            backing.put(&file, sync, &expected)?;
+            mended += 1;
+        }
+        Ok(())
+    })?;
+    Ok(mended)
 }
 
 fn samples<T: Pod + Send>(backing: &Backing, key: &str, dims: [usize; 3]) -> Result<Vec<T>> {
     let width = size_of::<T>();
     let expected = SIDE.pow(3) * width + CHECKSUM;
     let damaged = |chunk: &str, found: String, expected: String| {
-        let remedy = "restore the file from a copy, or delete the store and bake again";
+        let remedy = "run the bake that made the store again: it restores the samples from the volume's own file";
         Error::format(FORMAT, found, expected, remedy).in_file(backing.name(chunk))
     };
     // All files are there with their lengths before memory is asked for: a header that claims
@@ -188,14 +210,14 @@ fn samples<T: Pod + Send>(backing: &Backing, key: &str, dims: [usize; 3]) -> Res
 pub(super) fn read(backing: &Backing, key: &str, dims: [usize; 3]) -> Result<Volume> {
     let metadata_key = format!("{key}/zarr.json");
     let name = backing.name(&metadata_key);
-    let metadata = super::required_json(backing, &metadata_key)?;
+    let metadata = super::metadata::required_json(backing, &metadata_key)?;
     let wrong = |found: String, expected: &str| Error::format(FORMAT, found, expected, METADATA_REMEDY).in_file(&name);
     let type_name = metadata.get("data_type").and_then(Value::as_str).unwrap_or("none");
     let Some(data_type) = ["uint8", "int8", "uint16", "int16", "float32"].into_iter().find(|t| *t == type_name) else {
         return Err(wrong(format!("data_type {type_name}"), "uint8, int8, uint16, int16 or float32"));
     };
     array(dims, data_type).check(&metadata).map_err(|e| e.in_file(&name))?;
-    let attributes = super::unsealed(&metadata).map_err(|e| e.in_file(&name))?;
+    let attributes = super::metadata::unsealed(&metadata).map_err(|e| e.in_file(&name))?;
     let Attributes { affine, slope, inter, unit, up, solid, name: title, notes } =
         serde_json::from_value(attributes).map_err(|e| wrong(e.to_string(), "the attributes of a volume"))?;
     let column = |c: usize| DVec3::new(affine[0][c], affine[1][c], affine[2][c]);

@@ -39,13 +39,14 @@ mod tests;
 pub use bias::Bias;
 pub use cache::{CachePrecision, Lookups};
 
-use super::bake::{Bake, GROUP, Progress, run};
+use super::chunks::{BRICKS, most_in_work};
+use super::bake::{Bake, Present, Progress, Sink, run};
 use super::path::{Scratch, Settings, TexelEstimate, estimate as estimate_path};
 use super::summary::Summary;
 use crate::error::{Error, Result};
 use crate::level::{Counts, LevelField, Site};
 use crate::sampling::hash::key;
-use crate::transfer::{BRICK, BRICK_TEXELS, Brick, CHUNK, Layers};
+use crate::transfer::{BRICK, BRICK_TEXELS, Layers};
 use crate::volume::{Sample, with_samples};
 use cache::{Cache, EMPTY_ROW, Values, cached_layers};
 use estimate::Pass;
@@ -140,10 +141,10 @@ pub fn gather_memory(bake: &Bake<'_>, settings: &GatherSettings) -> u64 {
     let copies = if settings.passes > 2 { 2 } else { 1 };
     let cache =
         cached_layers(layers).map_or(0, |cached| cache::bytes(lattice, &cached, bricks, settings.precision, copies));
-    // A group of chunks, as it was and as it becomes.
+    // The chunks in work, as they were and as they become.
     let texel = 2 * layers.coefficients() as u64 + 2 * layers.errors() as u64 + 5;
-    let group = bricks.min((GROUP * (CHUNK / BRICK).pow(3)) as u64) * BRICK_TEXELS as u64;
-    cache + 2 * group * texel
+    let in_work = bricks.min((most_in_work() * BRICKS) as u64) * BRICK_TEXELS as u64;
+    cache + 2 * in_work * texel
 }
 
 /// Bakes the selected texels with the texture as radiance cache, and hands out the chunks asked for
@@ -160,8 +161,8 @@ pub fn gather(
     settings: &GatherSettings,
     chunks: &[[usize; 3]],
     progress: &Progress,
-    present: &(dyn Fn([usize; 3]) -> Result<Option<Vec<Option<Brick>>>> + Sync),
-    sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
+    present: &Present<'_>,
+    sink: &mut Sink<'_>,
 ) -> Result<Gathered> {
     bake.check()?;
     settings.check()?;
@@ -190,8 +191,8 @@ fn all_passes<T: Sample>(
     settings: &GatherSettings,
     chunks: &[[usize; 3]],
     progress: &Progress,
-    present: &(dyn Fn([usize; 3]) -> Result<Option<Vec<Option<Brick>>>> + Sync),
-    sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
+    present: &Present<'_>,
+    sink: &mut Sink<'_>,
 ) -> Result<Gathered> {
     let mut gathered = Gathered::default();
     let Some(cached) = cached_layers(&bake.settings.layers) else {

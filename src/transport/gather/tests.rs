@@ -4,7 +4,7 @@ use super::*;
 use crate::geom::Affine;
 use crate::level::Pyramid;
 use crate::sh;
-use crate::transfer::{Lattice, Layout, Selection};
+use crate::transfer::{Brick, Lattice, Layout, Selection};
 use crate::volume::{Samples, Volume};
 use glam::{DVec3, Vec3};
 use std::collections::BTreeMap;

@@ -15,8 +15,7 @@ use crate::geom::Direction;
 use crate::level::{Counts, LevelField, Site};
 use crate::sampling::{DirectionSample, DirectionalSource, warp};
 use crate::sh;
-use crate::transfer::Brick;
-use crate::transport::bake::{Bake, Progress, run};
+use crate::transport::bake::{Bake, Present, Progress, Sink, run};
 use crate::transport::path::{Scratch, TexelEstimate};
 use crate::transport::{PhotonEnergy, Summary};
 use crate::volume::{Sample, with_samples};
@@ -88,8 +87,8 @@ pub fn photon_bake_from(
     map: &PhotonMap,
     chunks: &[[usize; 3]],
     progress: &Progress,
-    present: &(dyn Fn([usize; 3]) -> Result<Option<Vec<Option<Brick>>>> + Sync),
-    sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
+    present: &Present<'_>,
+    sink: &mut Sink<'_>,
 ) -> Result<Summary> {
     check(bake)?;
     let search = PhotonSearch { neighbours: bake.settings.rays + 1, ..PhotonSearch::default() };
@@ -111,8 +110,8 @@ pub fn photon_bake(
     settings: &PhotonBake,
     chunks: &[[usize; 3]],
     progress: &Progress,
-    present: &(dyn Fn([usize; 3]) -> Result<Option<Vec<Option<Brick>>>> + Sync),
-    sink: &mut dyn FnMut([usize; 3], Vec<Option<Brick>>) -> Result<()>,
+    present: &Present<'_>,
+    sink: &mut Sink<'_>,
 ) -> Result<(Summary, PhotonEnergy)> {
     check(bake)?;
     let nothing = || (Summary::new(&bake.settings.layers), PhotonEnergy::default());

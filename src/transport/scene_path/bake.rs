@@ -1,7 +1,8 @@
 //! The parallel loop for scenes: as that of [`super::super::bake()`], with one texture a group.
 
 use super::super::REPLICATES;
-use super::super::bake::{GROUP, Progress};
+use super::super::bake::{Present, Progress, Sink};
+use super::super::chunks::{BRICKS, for_each_chunk};
 use super::super::summary::Summary;
 use super::SceneSettings;
 use super::estimate::{Found, trace};
@@ -9,7 +10,7 @@ use super::world::{SceneCounts, World};
 use crate::error::{Error, Result};
 use crate::level::{LevelField, Pyramid};
 use crate::scene::geometry::Geometry;
-use crate::transfer::{BRICK, BRICK_TEXELS, Brick, CHUNK, Group, Layers, Layout, Selection, validity};
+use crate::transfer::{BRICK, BRICK_TEXELS, Brick, Group, Layers, Layout, Selection, validity};
 use crate::volume::{Sample, Volume, with_samples};
 use half::f16;
 use rayon::prelude::*;
@@ -129,8 +130,8 @@ pub fn bake_scene(
     bake: &SceneBake<'_>,
     chunks: &[[usize; 3]],
     progress: &Progress,
-    present: &(dyn Fn([usize; 3]) -> Result<Option<GroupBricks>> + Sync),
-    sink: &mut dyn FnMut([usize; 3], GroupBricks) -> Result<()>,
+    present: &Present<'_, GroupBricks>,
+    sink: &mut Sink<'_, GroupBricks>,
 ) -> Result<SceneSummary> {
     bake.check()?;
     with_samples!(bake.volume.samples(), s => {
@@ -145,50 +146,38 @@ fn run<T: Sample>(
     bake: &SceneBake<'_>,
     chunks: &[[usize; 3]],
     progress: &Progress,
-    present: &(dyn Fn([usize; 3]) -> Result<Option<GroupBricks>> + Sync),
-    sink: &mut dyn FnMut([usize; 3], GroupBricks) -> Result<()>,
+    present: &Present<'_, GroupBricks>,
+    sink: &mut Sink<'_, GroupBricks>,
 ) -> Result<SceneSummary> {
-    const PER_SIDE: usize = CHUNK / BRICK;
-    const BRICKS: usize = PER_SIDE * PER_SIDE * PER_SIDE;
     let groups = bake.groups().len();
     let writer = Writer::new(bake)?;
+    let work = |found: &mut Found, before: &Option<GroupBricks>, index: [usize; 3], slot: usize| {
+        let of_slot = |all: &GroupBricks| all.iter().map(|group| group.get(slot).cloned().flatten()).collect();
+        let old: Option<Vec<Brick>> = before.as_ref().and_then(of_slot);
+        if !bake.selection.touches_brick(index) {
+            return old.map(|bricks| (bricks, SceneSummary::default()));
+        }
+        let output = brick(world, bake, &writer, index, old, found);
+        progress.texels.fetch_add(output.1.summary.texels, Ordering::Relaxed);
+        progress.rays.fetch_add(output.1.summary.counts.rays, Ordering::Relaxed);
+        Some(output)
+    };
+    let mut hand_on = |chunk: [usize; 3], outputs: Vec<Option<(Vec<Brick>, SceneSummary)>>| {
+        let mut all: GroupBricks = vec![Vec::with_capacity(BRICKS); groups];
+        let mut summaries = Vec::with_capacity(BRICKS);
+        for output in outputs {
+            let mut bricks = output.map(|(bricks, summary)| {
+                summaries.push(summary);
+                bricks.into_iter()
+            });
+            all.iter_mut().for_each(|group| group.push(bricks.as_mut().and_then(Iterator::next)));
+        }
+        sink(chunk, all)?;
+        Ok(summaries)
+    };
     let mut total = SceneSummary::new(&bake.settings.layers);
-    for part in chunks.chunks(GROUP) {
-        let before = part.iter().map(|&chunk| present(chunk)).collect::<Result<Vec<_>>>()?;
-        let mut outputs: Vec<Option<(Vec<Brick>, SceneSummary)>> = (0..part.len() * BRICKS)
-            .into_par_iter()
-            .with_max_len(1)
-            .map_init(Found::default, |found, i| {
-                let (chunk, b) = (part[i / BRICKS], i % BRICKS);
-                let inner = [b % PER_SIDE, b / PER_SIDE % PER_SIDE, b / PER_SIDE / PER_SIDE];
-                let index = std::array::from_fn(|a| chunk[a] * PER_SIDE + inner[a]);
-                let old: Option<Vec<Brick>> = before[i / BRICKS]
-                    .as_ref()
-                    .and_then(|all| all.iter().map(|group| group.get(b).cloned().flatten()).collect());
-                if progress.cancel.load(Ordering::Relaxed) || !bake.selection.touches_brick(index) {
-                    return old.map(|bricks| (bricks, SceneSummary::default()));
-                }
-                let output = brick(world, bake, &writer, index, old, found);
-                progress.texels.fetch_add(output.1.summary.texels, Ordering::Relaxed);
-                progress.rays.fetch_add(output.1.summary.counts.rays, Ordering::Relaxed);
-                Some(output)
-            })
-            .collect();
-        if progress.cancel.load(Ordering::Relaxed) {
-            break;
-        }
-        for (g, &chunk) in part.iter().enumerate() {
-            let mut all: GroupBricks = vec![Vec::with_capacity(BRICKS); groups];
-            for slot in &mut outputs[g * BRICKS..(g + 1) * BRICKS] {
-                let mut bricks = slot.take().map(|(bricks, summary)| {
-                    total.add(&summary);
-                    bricks.into_iter()
-                });
-                all.iter_mut().for_each(|group| group.push(bricks.as_mut().and_then(Iterator::next)));
-            }
-            sink(chunk, all)?;
-        }
-    }
+    let mut add = |summaries: Vec<SceneSummary>| summaries.iter().for_each(|s| total.add(s));
+    for_each_chunk(chunks, progress, present, &work, &mut hand_on, &mut add)?;
     Ok(total)
 }
 

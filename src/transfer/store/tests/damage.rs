@@ -1,5 +1,6 @@
 //! Damaged, torn and hostile stores.
 
+use super::super::metadata::LONGEST_PROVENANCE;
 use super::*;
 
 /// Every file of a store, with bytes flipped and cut off: found, with the name of the file, or
@@ -76,7 +77,7 @@ fn a_killed_writer_leaves_a_chunk_that_is_baked_again() {
     let directory = tempfile::tempdir().unwrap();
     let (path, store) = filled(directory.path());
     let env = path.join("transfer/a_b__/env");
-    let order = ["extent/0.0.0.json", "validity/c/0/0/0", "rays/c/0/0/0", "stderr/c/0/0/0/0", "transfer/c/0/0/0/0"];
+    let order = ["rays/extent/0.0.0.json", "validity/c/0/0/0", "rays/c/0/0/0", "stderr/c/0/0/0/0", "transfer/c/0/0/0/0"];
     let read = || order.map(|name| fs::read(env.join(name)).unwrap());
     let old = read();
     store.write_chunk([0; 3], bricks([0; 3], 50), &extent(128)).unwrap();
@@ -119,7 +120,7 @@ fn chunks_moved_to_another_place_are_noticed() {
         fs::copy(from, env.join(format!("{array}/c/1/0/0{tail}"))).unwrap();
     }
     assert!(Store::open(&path).unwrap().brick([0, 0, 4]).unwrap_err().to_string().contains("two bakes"));
-    fs::copy(env.join("extent/0.0.0.json"), env.join("extent/1.0.0.json")).unwrap();
+    fs::copy(env.join("rays/extent/0.0.0.json"), env.join("rays/extent/1.0.0.json")).unwrap();
     assert!(Store::open(&path).unwrap().brick([0, 0, 4]).is_err());
 }
 

@@ -1,5 +1,6 @@
 //! Paths: what is not a store, archives, locks, names.
 
+use super::super::metadata::node_name;
 use super::*;
 
 #[test]

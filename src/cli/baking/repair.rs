@@ -1,0 +1,123 @@
+//! Chunks that are damaged: found before a bake, set aside, and baked again with every isosurface that they had.
+
+use super::super::console::{Console, interrupts};
+use super::super::{Outcome, text};
+use super::{Goal, Job, Report, Todo, goal, run};
+use crate::level::Pyramid;
+use crate::transfer::store::{Baked, ChunkCheck, ChunkExtent, ErrorTarget, Store};
+use crate::transport::Settings;
+use std::collections::BTreeSet;
+
+/// Damaged chunks that are named one by one.
+const MOST_NAMED: usize = 8;
+
+/// Verifies what the job would keep and sets aside what is damaged; the linear indices of these chunks, and of those that an
+/// earlier run set aside and did not bake again.
+pub(super) fn set_damage_aside(job: &Job<'_>, store: &Store, console: &Console) -> Outcome<BTreeSet<usize>> {
+    let [cx, cy, cz] = job.layout.lattice.chunks();
+    let linear = |[x, y, z]: [usize; 3]| x + cx * (y + cy * z);
+    let mut candidates: Vec<[usize; 3]> = match job.writing.verify_all {
+        true => (0..cx * cy * cz).map(|c| [c % cx, c / cx % cy, c / cx / cy]).collect(),
+        false => {
+            let selection = job.selection();
+            let all = (0..cx * cy * cz).map(|c| [c % cx, c / cx % cy, c / cx / cy]);
+            all.filter(|&chunk| selection.touches_chunk(chunk)).collect()
+        }
+    };
+    candidates.retain(|&chunk| job.share.is_none_or(|share| share.holds(linear(chunk))));
+    let mut damaged: BTreeSet<usize> = BTreeSet::new();
+    for (&chunk, found) in candidates.iter().zip(store.verify_chunks(&candidates)?) {
+        let ChunkCheck::Damaged(what) = found else { continue };
+        if damaged.len() < MOST_NAMED {
+            let [x, y, z] = chunk;
+            console.note(format!("chunk ({x}, {y}, {z}) is damaged, set aside, and baked again: {what}"));
+        }
+        store.set_aside(chunk)?;
+        damaged.insert(linear(chunk));
+    }
+    if damaged.len() > MOST_NAMED {
+        console.note(format!("{} more damaged chunks are baked again", damaged.len() - MOST_NAMED));
+    }
+    let awaited = store.awaited()?.into_iter().filter(|c| c.iter().zip([cx, cy, cz]).all(|(&i, n)| i < n)).map(linear);
+    damaged.extend(awaited.filter(|&c| job.share.is_none_or(|share| share.holds(c))));
+    Ok(damaged)
+}
+
+/// Bakes into the chunks that were damaged what was asked of the store before and is not asked now, then removes what was
+/// set aside.
+pub(super) fn complete(
+    job: &Job<'_>,
+    pyramid: &Pyramid,
+    store: &Store,
+    asked: &ChunkExtent,
+    damaged: &BTreeSet<usize>,
+    quality: Option<&ErrorTarget>,
+    console: &Console,
+    report: &mut Report,
+) -> Outcome {
+    if damaged.is_empty() || interrupts() > 0 {
+        return Ok(());
+    }
+    let now = job.claims(&quality.cloned());
+    let mut left: Vec<Baked> = asked.claims().iter().filter(|c| !now.iter().any(|n| n.covers(c))).cloned().collect();
+    while let Some(first) = left.first().cloned() {
+        let alike = |claim: &Baked| claim.rays == first.rays && claim.target == first.target;
+        let (these, others): (Vec<Baked>, Vec<Baked>) = left.into_iter().partition(alike);
+        left = others;
+        match job_for(job, &these, damaged, quality) {
+            Some(job) => {
+                let found = job.quality(pyramid, store, || job.selection(), job.start, console)?;
+                let mut todo = Todo::new(&job, store, these)?;
+                let before = (report.chunks_baked, report.chunks_kept);
+                if todo.missing > 0 {
+                    (report.chunks_baked, report.chunks_kept) = (0, 0);
+                    run(&job, pyramid, store, &mut todo, found.target, console, report)?;
+                }
+                (report.chunks_baked, report.chunks_kept) = before;
+            }
+            None => {
+                let isovalues: Vec<String> =
+                    these.iter().map(|c| c.isovalue.map_or("all".into(), |v| text::number(v, 6))).collect();
+                let of = first.target.map_or(String::new(), |t| format!(", {} of {}", t.error, t.of));
+                console.note(format!(
+                    "the damaged chunks also held isovalues {}{of}: bake these again with the options they had",
+                    isovalues.join(", ")
+                ));
+            }
+        }
+    }
+    let [cx, cy, _] = job.layout.lattice.chunks();
+    for &c in damaged {
+        store.clear_set_aside([c % cx, c / cx % cy, c / cx / cy])?;
+    }
+    Ok(())
+}
+
+/// The job that makes some claims of an earlier bake good in the damaged chunks; `None` where it needs a light that is not
+/// at hand.
+fn job_for<'a>(
+    job: &Job<'a>,
+    claims: &[Baked],
+    damaged: &BTreeSet<usize>,
+    quality: Option<&ErrorTarget>,
+) -> Option<Job<'a>> {
+    let first = claims.first()?;
+    let is_escape = first.target.as_ref().is_some_and(|t| t.of == goal::ESCAPE);
+    let is_same = first.target.as_ref().zip(quality).is_some_and(|(t, q)| t.of == q.of);
+    if first.target.is_some() && !is_escape && !is_same {
+        return None;
+    }
+    let isovalues: Option<Vec<f64>> = claims.iter().map(|claim| claim.isovalue).collect();
+    let goal = Goal {
+        error: first.target.as_ref().map(|t| t.error as f32),
+        light: if is_escape { None } else { job.goal.light.clone() },
+        time: None,
+    };
+    Some(Job {
+        isovalues,
+        goal,
+        settings: Settings { rays: first.rays, ..job.settings.clone() },
+        only: Some(damaged.clone()),
+        ..job.clone()
+    })
+}
