@@ -15,7 +15,8 @@ const fn layer(module: &'static str, knows_nothing_of: &'static [&'static str]) 
 pub const LAYERS: &[Layer] = &[
     layer("error", &[]),
     layer("finding", &["error"]),
-    layer("geom", &["error", "finding"]),
+    layer("files", &["finding"]),
+    layer("geom", &["error", "finding", "files"]),
     layer("sampling", &[]),
     layer("sh", &[]),
     layer("volume", &["sh"]),
