@@ -76,6 +76,16 @@ pub enum Error {
         /// What to do.
         remedy: String,
     },
+    /// Another process fills a store.
+    #[error("store: given {}, locked by {holder}, expected a store that nobody else is filling; {remedy}", path.display())]
+    Locked {
+        /// The store.
+        path: PathBuf,
+        /// Who holds its lock, as far as is known.
+        holder: String,
+        /// What to do.
+        remedy: String,
+    },
 }
 
 fn prefix(file: &str) -> String {

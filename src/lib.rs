@@ -57,6 +57,7 @@
 //! | [`error`] | the one error type; errors are values | everything else |
 //! | [`finding`] | what a diagnosis found, how often, what is done about it | everything else |
 //! | `staging` | files and directories that appear whole, what killed processes leave | what is in them |
+//! | [`mod@file`] | opening plain files, and those that other files name | formats |
 //! | [`geom`] | directions, normals as covectors, frames, boxes, affine maps | everything else |
 //! | [`sampling`] | numbers by their index, Owen-Sobol points, warps in threes, statistics, `DirectionalSource` | volumes, SH, threads, the clock |
 //! | [`sh`] | basis, coefficients, projection, rotation, windows | colour, images, volumes |
@@ -95,6 +96,7 @@
 pub mod error;
 pub mod finding;
 mod staging;
+pub mod file;
 pub mod geom;
 pub mod sampling;
 pub mod sh;
@@ -114,3 +116,5 @@ pub mod view;
 pub mod cli;
 
 pub use error::{Error, Result};
+/// The crate whose vectors and matrices are in the public interface, in the version that is.
+pub use glam;

@@ -1,21 +1,28 @@
 //! What the program prints, and where.
 
-use super::text;
+pub(super) use super::signals::requests as interrupts;
+use super::{Failure, Outcome, signals, text};
 use crate::transport::Progress;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::io::{IsTerminal, Write};
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::cell::{Cell, RefCell};
+use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Standard output and standard error as the common options ask for them. A closed pipe is not an error.
+/// Standard output and standard error as the common options ask for them. A pipe that nobody reads any more (`… | head`) is
+/// no error; any other failure of standard output is one, which [`Console::finish`] tells at the end.
 pub(super) struct Console {
     json: bool,
     quiet: bool,
+    /// The first failure of standard output.
+    failed: RefCell<Option<io::Error>>,
+    /// Whether a result for machines was printed.
+    told: Cell<bool>,
 }
 
 impl Console {
     pub(super) fn new(json: bool, quiet: bool) -> Self {
-        Self { json, quiet }
+        Self { json, quiet, failed: RefCell::new(None), told: Cell::new(false) }
     }
 
     /// Whether results are wanted as JSON.
@@ -26,27 +33,57 @@ impl Console {
     /// Prints a result for people; nothing under `--json`.
     pub(super) fn print(&self, text: impl std::fmt::Display) {
         if !self.json {
-            let _ = writeln!(std::io::stdout(), "{text}");
+            self.keep(writeln!(io::stdout(), "{text}"));
         }
     }
 
     /// Prints the result for machines; nothing without `--json`.
     pub(super) fn print_json(&self, value: &serde_json::Value) {
         if self.json {
-            let _ = writeln!(std::io::stdout(), "{value:#}");
+            self.told.set(true);
+            self.keep(writeln!(io::stdout(), "{value:#}"));
+        }
+    }
+
+    /// Prints bytes that are the result themselves, under `--json` too.
+    pub(super) fn print_raw(&self, bytes: &[u8]) {
+        self.keep(io::stdout().write_all(bytes));
+    }
+
+    /// Remembers that standard output failed, for [`Console::finish`].
+    pub(super) fn keep(&self, result: io::Result<()>) {
+        if let Err(error) = result {
+            self.failed.borrow_mut().get_or_insert(error);
+        }
+    }
+
+    /// Writes out what is buffered.
+    ///
+    /// # Errors
+    /// When standard output took not all of what was printed, other than because its reader has gone.
+    pub(super) fn finish(&self) -> Outcome {
+        self.keep(io::stdout().flush());
+        match self.failed.take() {
+            Some(error) if error.kind() != ErrorKind::BrokenPipe => {
+                Err(Failure::Message(format!("cannot write to the output: {error}")))
+            }
+            _ => Ok(()),
         }
     }
 
     /// Something the user should know.
     pub(super) fn note(&self, text: impl std::fmt::Display) {
         if !self.quiet {
-            let _ = writeln!(std::io::stderr(), "note: {text}");
+            let _ = writeln!(io::stderr(), "note: {text}");
         }
     }
 
-    /// Why the command failed.
-    pub(super) fn error(&self, text: impl std::fmt::Display) {
-        let _ = writeln!(std::io::stderr(), "error: {text}");
+    /// Why the command failed; for machines too, unless they have been told a result already.
+    pub(super) fn error(&self, failure: &Failure) {
+        let _ = writeln!(io::stderr(), "error: {failure}");
+        if !self.told.get() {
+            self.print_json(&serde_json::json!({ "error": failure.to_json() }));
+        }
     }
 
     /// Runs `work` while a bar shows how far `progress` has come of so many texels or photons; on a terminal only. The second
@@ -60,6 +97,11 @@ impl Console {
         self.watch_until(1, what, items, progress, work)
     }
 
+    /// Guards the work that follows against requests to stop.
+    pub(super) fn guard(&self) -> signals::Guard {
+        signals::Guard::new(self.quiet)
+    }
+
     fn watch_until<T>(
         &self,
         most_interrupts: u32,
@@ -68,7 +110,7 @@ impl Console {
         progress: &Progress,
         work: impl FnOnce() -> T,
     ) -> T {
-        let show = !self.quiet && std::io::stderr().is_terminal();
+        let show = !self.quiet && io::stderr().is_terminal();
         let target = if show { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
         let bar = ProgressBar::with_draw_target(Some(items), target);
         let style = ProgressStyle::with_template("{prefix} {bar:30} {percent:>3} %  {msg}  {eta} left");
@@ -99,41 +141,5 @@ impl Console {
             done.store(true, Ordering::Relaxed);
             result.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
         })
-    }
-}
-
-static INTERRUPTS: AtomicU32 = AtomicU32::new(0);
-static GUARDED: AtomicBool = AtomicBool::new(false);
-
-/// How often the user asked to stop while work was guarded.
-pub(super) fn interrupts() -> u32 {
-    INTERRUPTS.load(Ordering::Relaxed)
-}
-
-/// While it lives, an interrupt (Ctrl-C) does not end the process; [`interrupts`] counts it.
-pub(super) struct InterruptGuard;
-
-impl Drop for InterruptGuard {
-    fn drop(&mut self) {
-        GUARDED.store(false, Ordering::Relaxed);
-    }
-}
-
-impl Console {
-    /// Guards the work that follows against interrupts.
-    pub(super) fn guard(&self) -> InterruptGuard {
-        let quiet = self.quiet;
-        GUARDED.store(true, Ordering::Relaxed);
-        // An error is a second call, or a system without signals: the process then simply ends.
-        let _ = ctrlc::set_handler(move || {
-            if !GUARDED.load(Ordering::Relaxed) {
-                std::process::exit(1);
-            }
-            if INTERRUPTS.fetch_add(1, Ordering::Relaxed) == 0 && !quiet {
-                let text = "note: stopping when the chunks in work are written; press Ctrl-C again to stop at once";
-                let _ = writeln!(std::io::stderr(), "\n{text}");
-            }
-        });
-        InterruptGuard
     }
 }

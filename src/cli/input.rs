@@ -36,6 +36,9 @@ pub(super) struct VolumeArgs {
     /// The world axis that points up: x, y, z, -x, -y, -z [default: z]
     #[arg(long, value_parser = parse_up, allow_hyphen_values = true, value_name = "AXIS")]
     pub(super) up: Option<Up>,
+    /// Read files that lie outside the folder of the file that names them (NRRD `data file`, raw sidecars)
+    #[arg(long)]
+    pub(super) allow_outside: bool,
 }
 
 fn parse_up(axis: &str) -> std::result::Result<Up, String> {

@@ -2,7 +2,8 @@
 //! paths are opened. It uses the library through its public interface.
 //!
 //! Results go to standard output, progress and notes to standard error. Exit code 0: done; 2: the command
-//! line was wrong; 1: anything else, with one line `error: …`.
+//! line was wrong; 1: anything else, with one line `error: …`; 128 + n: stopped by signal n, in a state that the same
+//! command goes on from. Under `--json` a failure is a document on standard output too: `{"error": {"kind": …}}`.
 
 /// Runs `$body` with `$s` bound to the typed slice of a volume's samples.
 macro_rules! with_samples {
@@ -19,18 +20,24 @@ macro_rules! with_samples {
 
 mod baking;
 mod bake;
+mod cache;
 mod compare;
+mod completions;
 mod console;
 mod demo;
 mod doctor;
 mod env;
 mod export;
+mod fault;
+mod failure;
 mod forecast;
 mod info;
 mod input;
 mod isovalue;
 mod joint;
 mod light;
+mod man;
+mod memory;
 mod merge;
 mod options;
 mod output;
@@ -42,6 +49,7 @@ mod replay;
 mod scene;
 mod scene_light;
 mod scene_walls;
+mod signals;
 mod still;
 mod study;
 mod surface;
@@ -55,6 +63,8 @@ mod tests;
 use crate::error::Error;
 use clap::{Parser, Subcommand};
 use console::Console;
+use serde_json::json;
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 /// Precomputed light transfer on every isosurface of a volume: bake once, relight by any environment.
@@ -99,6 +109,9 @@ enum Command {
     View(view::View),
     Export(Box<export::Export>),
     Env(env::Env),
+    Cache(cache::command::CacheCommand),
+    Completions(completions::Completions),
+    Man(man::Man),
 }
 
 /// Why a command did not do what was asked.
@@ -128,20 +141,48 @@ type Outcome<T = ()> = Result<T, Failure>;
 
 /// Runs the program with the arguments of the process.
 pub fn main() -> ExitCode {
-    let cli = match scene::parse(std::env::args_os().collect()) {
+    fault::explain_bus_errors();
+    let line: Vec<OsString> = std::env::args_os().collect();
+    // Known before the line is parsed, so that a wrong one is told to machines as well.
+    let json = line.iter().any(|word| word == "--json");
+    let failed = |failure: Failure, code: u8| {
+        let console = Console::new(json, false);
+        console.error(&failure);
+        ExitCode::from(code)
+    };
+    if let Some(word) = line.iter().skip(1).find(|word| word.to_str().is_none()) {
+        // Names go into reports, stores and pages, which are text.
+        let expected = "text in UTF-8";
+        return failed(
+            Error::argument("argument", format!("{word:?}"), expected, "rename the file or folder").into(),
+            2,
+        );
+    }
+    let cli = match scene::parse(line) {
         Ok(Ok(cli)) => cli,
-        Err(error) => {
-            Console::new(false, false).error(error);
-            return ExitCode::FAILURE;
-        }
-        Ok(Err(error)) => {
-            // Help and version are "errors" with exit code 0; nothing helps against a closed pipe.
-            let _ = error.print();
-            return ExitCode::from(error.exit_code().clamp(0, 255) as u8);
-        }
+        Err(error) => return failed(error.into(), 1),
+        Ok(Err(error)) => return answer_of_parser(&error, json),
     };
     let console = Console::new(cli.common.json, cli.common.quiet);
-    match run(&cli, &console) {
+    match run(&cli, &console).and_then(|()| console.finish()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            console.error(&failure);
+            ExitCode::from(signals::exit_code().unwrap_or(1))
+        }
+    }
+}
+
+/// Prints what clap has to say: why a line is wrong, or help and version, which are "errors" with exit code 0.
+fn answer_of_parser(error: &clap::Error, json: bool) -> ExitCode {
+    let console = Console::new(json, false);
+    let printed = error.print();
+    if error.use_stderr() {
+        console.print_json(&json!({ "error": failure::usage_json(error) }));
+        return ExitCode::from(error.exit_code().clamp(0, 255) as u8);
+    }
+    console.keep(printed);
+    match console.finish() {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             console.error(&failure);
@@ -151,12 +192,15 @@ pub fn main() -> ExitCode {
 }
 
 fn run(cli: &Cli, console: &Console) -> Outcome {
+    let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = cli.common.threads {
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(threads as usize)
-            .build_global()
-            .map_err(|e| Failure::Message(format!("cannot start {threads} threads: {e}; give fewer --threads")))?;
+        pool = pool.num_threads(threads as usize);
     }
+    // Started here, where threads that the system refuses are an error and no panic.
+    pool.build_global().map_err(|e| {
+        let threads = cli.common.threads.map_or("one thread per core".into(), |n| format!("{n} threads"));
+        Failure::Message(format!("cannot start {threads}: {e}; give fewer --threads, or see ulimit -v and -u"))
+    })?;
     let seed = cli.common.seed;
     match &cli.command {
         Command::Demo(command) => command.run(seed, console),
@@ -169,8 +213,11 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         Command::Compare(command) => command.run(seed, console),
         Command::Study(command) => command.run(seed, console),
         Command::Relight(command) => command.run(seed, console),
-        Command::View(command) => command.run(console),
+        Command::View(command) => command.run(seed, console),
         Command::Export(command) => command.run(console),
         Command::Env(command) => command.run(console),
+        Command::Cache(command) => command.run(console),
+        Command::Completions(command) => command.run(console),
+        Command::Man(command) => command.run(console),
     }
 }

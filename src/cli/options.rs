@@ -3,6 +3,7 @@
 use super::baking::Estimator;
 use super::input::Input;
 use super::isovalue::{Chosen, Isovalue};
+use super::memory::{self, Bound};
 use super::scene::SceneFile;
 use super::text;
 use crate::error::{Error, Result};
@@ -36,7 +37,7 @@ pub(super) struct TransferArgs {
     #[arg(long, value_name = "+NAME|-NAME[,…]", value_delimiter = ',', allow_hyphen_values = true,
         value_parser = parse_effect)]
     pub(super) effects: Vec<EffectSwitch>,
-    /// Refuse to use more memory, such as 2GB [default: 80 % of this machine's]
+    /// Refuse to use more memory, such as 2GB [default: 80 % of what machine, ulimit -v and control group allow]
     #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
     pub(super) memory_limit: Option<u64>,
 }
@@ -225,26 +226,23 @@ pub(super) fn bake_bytes(volume: &Volume, layout: &Layout, isosurfaces: usize) -
         + 2 * CHUNKS_HELD * chunk
 }
 
-/// Refuses by name what would take more memory than allowed.
+/// Refuses by name what would take more memory than allowed: by the user, else by the system.
 pub(super) fn check_memory(what: &str, needed: u64, limit: Option<u64>) -> Result<()> {
-    let limit = limit.unwrap_or_else(default_memory_limit);
-    if needed <= limit {
+    let bound = limit.map_or_else(memory::bound, |bytes| Bound { bytes, set_by: "--memory-limit".into() });
+    if needed <= bound.bytes {
         return Ok(());
     }
     Err(Error::Limit {
         what: what.into(),
         needed: text::bytes(needed as f64),
-        limit: text::bytes(limit as f64),
-        remedy: "raise --memory-limit, or lower --texture, --layers or --bands, or give fewer --isovalues at a time"
+        limit: format!("{} ({})", text::bytes(bound.bytes as f64), bound.set_by),
+        remedy: "raise it, or lower --texture, --layers or --bands, or give fewer --isovalues at a time; \
+                 --memory-limit SIZE takes the place of this limit"
             .into(),
     })
 }
 
-/// 80 % of the memory of this machine, 4 GiB where the system does not tell.
+/// The memory that a command may use where the user does not say: 80 % of the least that machine and system allow.
 pub(super) fn default_memory_limit() -> u64 {
-    let total = std::fs::read_to_string("/proc/meminfo").ok().and_then(|info| {
-        let line = info.lines().find(|l| l.starts_with("MemTotal:"))?;
-        line.split_whitespace().nth(1)?.parse::<u64>().ok()
-    });
-    total.map_or(4 << 30, |kib| kib * 1024 / 5 * 4)
+    memory::bound().bytes
 }

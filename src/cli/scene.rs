@@ -3,6 +3,7 @@
 use super::input::{Input, VolumeArgs};
 use super::{Cli, Command, Failure, Outcome, input, joint};
 use crate::error::{Error, Result};
+use crate::file::{self, Beside};
 use crate::scene::geometry::{Geometry, TriangleMesh};
 use crate::scene::{Coupling, Effects, Located, Scene, TextureSize, nearest};
 use crate::transfer::store::Store;
@@ -11,6 +12,7 @@ use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches};
 use glam::DVec3;
 use std::ffi::OsString;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// A scene and the folder that its paths start from.
@@ -21,6 +23,11 @@ pub(super) struct SceneFile {
     /// Which of several volumes is meant.
     member: usize,
 }
+
+/// Longest scene: ten times one with a million isovalues.
+const MOST_SCENE_BYTES: u64 = 1 << 26;
+/// Longest file of a mesh.
+const MOST_MESH_BYTES: u64 = 1 << 32;
 
 /// An environment that sends no light.
 pub(super) const DARK: &str = "constant:0";
@@ -86,19 +93,20 @@ fn with_light_of_store(mut line: Vec<OsString>) -> Vec<OsString> {
 pub(super) fn open(argument: &str, args: &VolumeArgs, scene: Option<&SceneFile>, effects: &Effects) -> Outcome<Input> {
     let Some(file) = scene else { return input::open(argument, args) };
     if !file.scene.volumes.is_empty() {
-        return joint::open(file, file.member, args, &|input| file.geometry(input, effects));
+        return joint::open(file, file.member, args, &|input| file.geometry(input, effects, args.allow_outside));
     }
     let mut input = input::open(&file.volume(), args).map_err(|failure| match failure {
         Failure::Library(error) => file.scene.at_line(file.scene.volume.line, error).into(),
         other => other,
     })?;
-    input.geometry = file.geometry(&input, effects)?;
+    input.geometry = file.geometry(&input, effects, args.allow_outside)?;
     Ok(input)
 }
 
 impl SceneFile {
     pub(super) fn read(path: &str) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| {
+        let text = read_text(path).map_err(|error| {
+            let Error::Io { source: e, .. } = error else { return error };
             let folder = Path::new(path).parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
             let beside = std::fs::read_dir(folder).map(|d| d.flatten().collect::<Vec<_>>()).unwrap_or_default();
             let beside: Vec<String> = beside.iter().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
@@ -125,7 +133,7 @@ impl SceneFile {
     }
 
     /// Walls and luminaires; `None` where there are none, or all are switched off.
-    fn geometry(&self, input: &Input, effects: &Effects) -> Outcome<Option<Geometry>> {
+    fn geometry(&self, input: &Input, effects: &Effects, allow_outside: bool) -> Outcome<Option<Geometry>> {
         let mut surroundings = self.scene.surroundings.clone();
         if effects.switched("walls") == Some(false) {
             surroundings.walls.clear();
@@ -141,15 +149,17 @@ impl SceneFile {
             LengthUnit::Metres(metres) => metres,
             LengthUnit::Unknown => 1.0,
         };
-        let mut read = |name: &str| {
-            let path = self.folder.join(name);
-            std::fs::read(&path).map_err(|e| {
-                if e.kind() != std::io::ErrorKind::NotFound {
-                    return Error::io(&path, "read the mesh", e);
+        let mut read = |name: &str, named: Option<(&str, u64)>| {
+            let mesh = self.folder.join(name);
+            match named {
+                None => read_mesh_file(&mesh),
+                Some((other, bytes)) => {
+                    let (file, length, path) = Beside::new(&mesh, allow_outside).open(other)?;
+                    let (mut part, bytes) = (Vec::new(), bytes.min(length).min(MOST_MESH_BYTES));
+                    file.take(bytes).read_to_end(&mut part).map_err(|e| Error::io(&path, "read", e))?;
+                    Ok(part)
                 }
-                let remedy = "correct the path; it starts from the folder of the scene";
-                Error::argument("file", path.display(), "a mesh that exists (.obj, .ply, .gltf, .glb)", remedy)
-            })
+            }
         };
         let mut surface = |name: &str, isovalue: f64| {
             let opened =
@@ -269,6 +279,25 @@ impl SceneFile {
         let bands = &self.scene.bake.bands;
         (!bands.is_empty()).then(|| bands.iter().map(|&b| b as u8).collect())
     }
+}
+
+/// The text of a scene.
+fn read_text(path: &str) -> Result<String> {
+    let bytes = file::read(path, MOST_SCENE_BYTES)?;
+    String::from_utf8(bytes).map_err(|_| {
+        Error::format("scene", "bytes that are no text", "TOML in UTF-8", "save it as UTF-8").in_file(path)
+    })
+}
+
+/// A mesh that the scene names.
+fn read_mesh_file(path: &Path) -> Result<Vec<u8>> {
+    file::read(path, MOST_MESH_BYTES).map_err(|error| match error {
+        Error::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
+            let remedy = "correct the path; it starts from the folder of the scene";
+            Error::argument("file", path.display(), "a mesh that exists (.obj, .ply, .gltf, .glb)", remedy)
+        }
+        other => other,
+    })
 }
 
 fn texture(size: TextureSize) -> String {

@@ -38,8 +38,12 @@ pub use source::EnvironmentSource;
 pub use sun::{NoSun, Split, SplitSun, Sun, SunOptions, split_sun};
 
 use crate::error::{Error, Result};
+use crate::file;
 use crate::sh::Coefficients;
 use std::path::Path;
+
+/// Longest image file that is opened: 16384 × 8192 pixels of eight channels of 32 bits.
+const MOST_FILE_BYTES: u64 = 1 << 32;
 
 /// A distant environment with what is known about it.
 #[derive(Clone, Debug)]
@@ -129,14 +133,15 @@ pub fn by_name(spec: &str) -> Result<Option<Probe>> {
 ///
 /// # Errors
 /// As [`by_name`] and [`read::read`], with the file's name; [`Error::Io`] when it cannot be
-/// read; [`Error::Argument`] with the list of names when there is neither a sky nor a file.
+/// read; [`Error::Argument`] with the list of names when there is neither a sky nor a file, and when
+/// the path is that of a folder, a device or a pipe; [`Error::Limit`] beyond 4 GiB.
 pub fn open(path_or_name: &str, options: &ReadOptions) -> Result<Probe> {
     if let Some(probe) = by_name(path_or_name)? {
         return Ok(probe);
     }
     let path = Path::new(path_or_name);
-    let bytes = std::fs::read(path).map_err(|source| match source.kind() {
-        std::io::ErrorKind::NotFound => Error::argument(
+    let bytes = file::read(path, MOST_FILE_BYTES).map_err(|error| match error {
+        Error::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => Error::argument(
             "environment",
             path_or_name,
             format!(
@@ -145,7 +150,7 @@ pub fn open(path_or_name: &str, options: &ReadOptions) -> Result<Probe> {
             ),
             "check the path and the spelling",
         ),
-        _ => Error::io(path, "read", source),
+        other => other,
     })?;
     let name = path.file_stem().map_or(path_or_name.into(), |s| s.to_string_lossy().into_owned());
     Probe::from_bytes(name, &bytes, options).map_err(|e| e.in_file(path))

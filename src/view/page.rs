@@ -37,8 +37,8 @@ pub fn page_in_one_file(package: &Package) -> Result<String> {
     let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::best());
     let deflated = encoder.write_all(&package.payload).and_then(|()| encoder.finish());
     let deflated = deflated.map_err(|e| Error::io("", "deflate", e))?;
-    // A slash after < would end the script element.
-    let header = package.header.to_string().replace("</", "<\\/");
+    // In a script element "</script", "<!--" and "<script" have meanings of their own (HTML, 4.12.1.3).
+    let header = package.header.to_string().replace('<', "\\u003c");
     let data = format!(
         "<script type=\"application/json\" id=\"header\">{header}</script>\n\
          <script type=\"application/octet-stream;base64\" id=\"payload\">{}</script>",

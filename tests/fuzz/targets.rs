@@ -326,7 +326,7 @@ fn check_probe(bytes: &[u8]) -> bool {
 
 fn check_mesh(bytes: &[u8]) -> bool {
     // Whatever a glTF names beside it is the buffer of the seeds.
-    match read_mesh(bytes, &mut |_| Ok(seeds::buffer_of_gltf())) {
+    match read_mesh(bytes, &mut |_, _| Ok(seeds::buffer_of_gltf())) {
         Err(error) => {
             assert!(error.to_string().len() > 30, "an error without a reason: {error}");
             false
@@ -351,9 +351,9 @@ fn check_scene(bytes: &[u8]) -> bool {
             return false;
         }
     };
-    let corners = || read_mesh(&seeds::obj().swap_remove(0).1, &mut |_| Ok(Vec::new()));
+    let corners = || read_mesh(&seeds::obj().swap_remove(0).1, &mut |_, _| Ok(Vec::new()));
     let bytes_of_mesh = || Ok(seeds::obj().swap_remove(0).1);
-    match scene.surroundings.assemble(&scene, 1.0, &mut |_| bytes_of_mesh(), &mut |_, _| corners()) {
+    match scene.surroundings.assemble(&scene, 1.0, &mut |_, _| bytes_of_mesh(), &mut |_, _| corners()) {
         Err(error) => {
             assert!(error.to_string().len() > 30, "an error without a reason: {error}");
             false

@@ -2,10 +2,10 @@
 
 use super::Relight;
 use crate::cli::baking::{self, Goal, Job, Writing};
+use crate::cli::cache::{Cache, InUse};
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, Isovalue, NamedIsovalue};
 use crate::cli::light::Lighting;
-use crate::cli::output::clean;
 use crate::cli::scene::{self, SceneFile};
 use crate::cli::scene_light::{Factor, contracted};
 use crate::cli::surface::Surface;
@@ -211,17 +211,30 @@ impl Merged {
     }
 }
 
-/// Bakes what all volumes of a scene need for the isovalues asked for; the store, what stands around the first of them, and
-/// the rays that were traced.
+/// The store of a scene of several volumes, in the cache.
+pub(super) struct Baked {
+    pub(super) store: Store,
+    /// What stands around the first of them.
+    pub(super) geometry: Option<Geometry>,
+    /// Rays that were traced.
+    pub(super) rays: u64,
+    pub(super) cache: Cache,
+    pub(super) in_use: Option<InUse>,
+}
+
+/// Bakes what all volumes of a scene need for the isovalues asked for.
 pub(super) fn bake(
     command: &Relight,
     file: &SceneFile,
     seed: u64,
     start: Instant,
     console: &Console,
-) -> Outcome<(Store, Option<Geometry>, u64)> {
+) -> Outcome<Baked> {
     let transfer = &command.transfer;
+    let cache = Cache::locate(command.cache.as_deref())?;
+    cache.prepare()?;
     let (effects, mut path, mut found, mut rays): (_, Option<PathBuf>, _, _) = (transfer.effects(), None, None, 0);
+    let mut in_use = None;
     for member in 0..file.members() {
         let file = file.of_member(member);
         let mut opened = scene::open(&command.input, &command.volume, Some(&file), &effects)?;
@@ -247,25 +260,18 @@ pub(super) fn bake(
             ..Job::new(volume, &opened.label, layout, settings, &effects)
         };
         job.check_memory()?;
-        if path.is_none() {
-            let folder = command.cache_folder()?;
-            std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the cache folder", e))?;
-            path = Some(folder.join(format!("{}-{}.isolume", clean(&volume.name), &job.identity().hash()[..16])));
+        let path = path.get_or_insert_with(|| cache.place(&job));
+        let filled = cache.fill(&job, path, console)?;
+        rays += filled.report.summary.counts.rays;
+        cache.tell(&filled.report, Some(&volume.name), path, console);
+        if filled.report.chunks_baked > 0 {
+            console.print(filled.report.lines(baking::size_on_disk(path)));
         }
-        let Some(path) = &path else { continue };
-        let (_, report) = baking::fill(&job, path, console)?;
-        rays += report.summary.counts.rays;
-        match report.chunks_baked {
-            0 => console.note(format!("{} found in {}", volume.name, path.display())),
-            _ => {
-                console.note(format!("{} baked into {}", volume.name, path.display()));
-                console.print(report.lines(baking::size_on_disk(path)));
-            }
-        }
+        in_use = Some(filled.in_use);
         if member == 0 {
             found = opened.geometry;
         }
     }
     let Some(path) = path else { return Err(Failure::Message("a scene without volumes".into())) };
-    Ok((Store::open(path)?, found, rays))
+    Ok(Baked { store: Store::open(path)?, geometry: found, rays, cache, in_use })
 }

@@ -80,7 +80,7 @@ pub(in crate::cli) struct Relight {
     volume: VolumeArgs,
     #[command(flatten, next_help_heading = "Bake of a volume")]
     transfer: TransferArgs,
-    /// Where stores of volumes are kept [default: the user's cache folder]
+    /// Where stores of volumes are kept [default: the user's cache folder; see isolume cache]
     #[arg(long, value_name = "DIR", help_heading = "Bake of a volume")]
     cache: Option<PathBuf>,
     /// Write no draft before the result
@@ -155,11 +155,14 @@ impl Relight {
             return work.light(&source, Vec::new());
         }
         if let Some(file) = self.scene.as_ref().filter(|file| file.members() > 1) {
-            let (store, geometry, rays) = joint::bake(self, file, seed, start, console)?;
-            let Some(members) = Members::of(&store)? else {
+            let baked = joint::bake(self, file, seed, start, console)?;
+            let Some(members) = Members::of(&baked.store)? else {
                 return Err(Failure::Message("a scene of several volumes was baked as one".into()));
             };
-            return self.light_members(members, geometry.as_ref(), rays, &probes, start, console);
+            let done = self.light_members(members, baked.geometry.as_ref(), baked.rays, &probes, start, console)?;
+            baked.cache.evict(console)?;
+            drop(baked.in_use);
+            return Ok(done);
         }
         self.refuse_names("this is one volume alone")?;
         let mut opened = super::scene::open(&self.input, &self.volume, self.scene.as_ref(), &self.transfer.effects())?;
@@ -323,16 +326,6 @@ impl Relight {
             }
             resolved => resolved,
         }
-    }
-
-    fn cache_folder(&self) -> Outcome<PathBuf> {
-        if let Some(folder) = &self.cache {
-            return Ok(folder.clone());
-        }
-        let folders = directories::ProjectDirs::from("", "", "isolume");
-        folders.map(|f| f.cache_dir().to_path_buf()).ok_or_else(|| {
-            Failure::Message("this system has no cache folder for the user: name one with --cache DIR".into())
-        })
     }
 }
 

@@ -4,9 +4,10 @@ use super::file::Context;
 use super::joint::{Companion, Member};
 use super::{Draft, Relight, Relit};
 use crate::cli::baking::{self, Goal, Job, Writing};
+use crate::cli::cache::{Cache, Filled, InUse};
 use crate::cli::console::Console;
 use crate::cli::isovalue::Chosen;
-use crate::cli::output::{Format, Target, clean, make_folder, targets};
+use crate::cli::output::{Format, Target, make_folder, targets};
 use crate::cli::picture::check_size;
 use crate::cli::scene::SceneFile;
 use crate::cli::surface::Surface;
@@ -21,7 +22,7 @@ use crate::transfer::store::Store;
 use crate::transfer::{Lattice, Layout};
 use crate::transport::Settings;
 use crate::volume::Volume;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// A store to light from, and how it came about.
@@ -158,11 +159,11 @@ impl<'a> Work<'a> {
             ..Job::new(self.volume, label, layout, settings, &self.effects)
         };
         job.check_memory()?;
-        let folder = self.command.cache_folder()?;
-        std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the cache folder", e))?;
+        let cache = Cache::locate(self.command.cache.as_deref())?;
+        cache.prepare()?;
         let mut drafts = Vec::new();
-        for draft in self.drafts(&job, &folder)? {
-            let source = self.bake(&draft, &folder, true)?;
+        for draft in self.drafts(&job, &cache)? {
+            let (source, _use) = self.bake(&draft, &cache, true)?;
             let (rays, texture) = (draft.settings.rays, draft.layout.lattice.texels());
             drop(self.light(&source, Vec::new())?);
             let written_after = self.start.elapsed();
@@ -175,15 +176,17 @@ impl<'a> Work<'a> {
             ));
             drafts.push(Draft { rays, texture, written_after });
         }
-        let source = self.bake(&job, &folder, false)?;
-        self.light(&source, drafts)
+        let (source, _use) = self.bake(&job, &cache, false)?;
+        let done = self.light(&source, drafts)?;
+        cache.evict(self.console)?;
+        Ok(done)
     }
 
     /// The drafts that come before a bake: one of few rays where the bake would take more than a moment, and before
     /// it one of a coarser texture where the isosurfaces need many texels.
-    fn drafts<'j>(&self, job: &Job<'j>, folder: &Path) -> Outcome<Vec<Job<'j>>> {
+    fn drafts<'j>(&self, job: &Job<'j>, cache: &Cache) -> Outcome<Vec<Job<'j>>> {
         let lattice = job.layout.lattice;
-        let missing = job.texels_missing(&self.store_path(job, folder))?;
+        let missing = job.texels_missing(&cache.place(job))?;
         let paths = missing * u64::from(job.settings.rays);
         if self.command.no_draft || job.settings.rays <= DRAFT_RAYS || paths < DRAFT_FROM_PATHS {
             return Ok(Vec::new());
@@ -205,20 +208,16 @@ impl<'a> Work<'a> {
         Ok(drafts)
     }
 
-    fn store_path(&self, job: &Job<'_>, folder: &Path) -> PathBuf {
-        folder.join(format!("{}-{}.isolume", clean(&self.volume.name), &job.identity().hash()[..16]))
-    }
-
-    fn bake(&self, job: &Job<'_>, folder: &Path, is_draft: bool) -> Outcome<Source> {
-        let path = self.store_path(job, folder);
-        let (store, report) = baking::fill(job, &path, self.console)?;
-        if report.chunks_baked == 0 {
-            self.console.note(format!("found in {}", path.display()));
-        } else if !is_draft {
-            self.console.note(format!("baked into {}", path.display()));
+    fn bake(&self, job: &Job<'_>, cache: &Cache, is_draft: bool) -> Outcome<(Source, InUse)> {
+        let path = cache.place(job);
+        let Filled { store, report, in_use } = cache.fill(job, &path, self.console)?;
+        if report.chunks_baked == 0 || !is_draft {
+            cache.tell(&report, None, &path, self.console);
+        }
+        if report.chunks_baked > 0 && !is_draft {
             self.console.print(report.lines(baking::size_on_disk(&path)));
         }
-        Ok(Source { store, transport_rays: report.summary.counts.rays })
+        Ok((Source { store, transport_rays: report.summary.counts.rays }, in_use))
     }
 }
 

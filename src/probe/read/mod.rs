@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | OpenEXR | crate `exr` | `envmap` attribute, else the side ratio |
 //! | Radiance HDR | crate `image`, header read here too | side ratio |
-//! | PNG, JPEG | crate `image`, sRGB decoded to linear | side ratio |
+//! | PNG, JPEG | crates `png`, `image`, sRGB decoded to linear | side ratio |
 //!
 //! Side ratio: 2:1 lat-long, 1:1 angular map, 3:4 vertical cross, 4:3 horizontal cross; anything
 //! else, and a single pixel, is taken as lat-long, with a note. [`ReadOptions::layout`] overrides
@@ -183,8 +183,8 @@ pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadImage> {
     let mut raw = match bytes {
         [0x76, 0x2f, 0x31, 0x01, ..] => openexr::read(bytes, options)?,
         [b'#', b'?', ..] => radiance::read(bytes, options)?,
-        [0x89, b'P', b'N', b'G', ..] => low_range::read(bytes, image::ImageFormat::Png, options)?,
-        [0xff, 0xd8, 0xff, ..] => low_range::read(bytes, image::ImageFormat::Jpeg, options)?,
+        [0x89, b'P', b'N', b'G', ..] => low_range::read_png(bytes, options)?,
+        [0xff, 0xd8, 0xff, ..] => low_range::read_jpeg(bytes, options)?,
         _ => return Err(unknown_format(bytes)),
     };
     let bad = sanitise(&mut raw, options.keep_negative);

@@ -4,9 +4,9 @@
 use super::{Layout, Note, Raw, ReadOptions, check_size, damaged};
 use crate::error::{Error, Result};
 use exr::math::Vec2;
-use exr::meta::MetaData;
 use exr::meta::attribute::EnvironmentMap;
 use exr::meta::header::Header;
+use exr::meta::{BlockDescription, MetaData};
 use exr::prelude::{IntegerBounds, ReadChannels, ReadLayers, ReadSpecificChannel, Text};
 use std::io::Cursor;
 
@@ -66,6 +66,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<Raw> {
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| damaged(FORMAT, e))?;
     for header in &meta.headers {
         check_size(FORMAT, header.layer_size.0 as u64, header.layer_size.1 as u64, options)?;
+        check_block(header, options)?;
     }
     let mut parts = meta.headers.iter().filter(|h| !h.deep).filter_map(|h| colour(h).map(|c| (h, c)));
     let chroma = |h: &Header| h.channels.list.iter().any(|c| c.sampling != Vec2(1, 1));
@@ -96,6 +97,32 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<Raw> {
         return Ok(raw);
     }
     place(raw, header.own_attributes.layer_position, header.shared_attributes.display_window, options)
+}
+
+/// Most bytes to a pixel that a block may have if it held all pixels: a thousand channels over a whole image are no
+/// environment, and a few megabytes of zeros deflated can claim them.
+const MOST_BYTES_PER_PIXEL: usize = 16;
+
+/// Refuses blocks (scan lines, tiles) that take more memory to decode than the largest image: all channels are unpacked.
+fn check_block(header: &Header, options: &ReadOptions) -> Result<()> {
+    let pixels = match header.blocks {
+        BlockDescription::Tiles(tiles) => tiles.tile_size.0.checked_mul(tiles.tile_size.1),
+        BlockDescription::ScanLines => {
+            let lines = header.compression.scan_lines_per_block().min(header.layer_size.1);
+            lines.checked_mul(header.layer_size.0)
+        }
+    };
+    let needed = pixels.and_then(|pixels| pixels.checked_mul(header.channels.bytes_per_pixel));
+    let limit = options.max_pixels.saturating_mul(MOST_BYTES_PER_PIXEL);
+    if needed.is_some_and(|needed| needed <= limit) {
+        return Ok(());
+    }
+    Err(Error::Limit {
+        what: format!("a block of an {FORMAT} image of {} channels", header.channels.list.len()),
+        needed: needed.map_or("more bytes than can be counted".into(), |needed| format!("{needed} bytes")),
+        limit: format!("{limit} bytes"),
+        remedy: "save the image with smaller tiles, fewer channels, or the header is damaged".into(),
+    })
 }
 
 type Pixels = (Vec2<usize>, Vec<[f32; 3]>);

@@ -2,9 +2,12 @@
 //!
 //! It works in `f32`; so its boxes are relative to the middle of the scene and widened by more than rounding, and the
 //! parts themselves are tried in `f64`. Built by one thread: the same tree every time.
+//!
+//! Vectors cross as arrays: `obvhs` takes a range of versions of glam, and without our lock file it gets another one than
+//! we do, whose types are not ours.
 
 use super::primitive::Primitive;
-use glam::{DVec3, Vec3A};
+use glam::DVec3;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
@@ -35,8 +38,8 @@ impl Hierarchy {
         let margin = WIDER * (whole[1] - whole[0]).length();
         let boxed = |p: &Primitive| {
             let [low, high] = p.bounds();
-            let near = |v: DVec3| Vec3A::from((v - middle).as_vec3());
-            Aabb { min: near(low - margin), max: near(high + margin) }
+            let near = |v: DVec3| (v - middle).as_vec3().to_array();
+            Aabb { min: near(low - margin).into(), max: near(high + margin).into() }
         };
         let boxes: Vec<Aabb> = primitives.iter().map(boxed).collect();
         let indices = (0..boxes.len() as u32).collect();
@@ -46,10 +49,10 @@ impl Hierarchy {
     }
 
     fn ray(&self, origin: DVec3, direction: DVec3, limit: f64) -> Ray {
-        let near = Vec3A::from((origin - self.middle).as_vec3());
+        let near = (origin - self.middle).as_vec3().to_array();
         // Rounded up: a hit just before the limit must not be lost.
         let limit = (limit * (1.0 + WIDER)) as f32;
-        Ray::new(near, Vec3A::from(direction.as_vec3()), 0.0, limit)
+        Ray::new(near.into(), direction.as_vec3().to_array().into(), 0.0, limit)
     }
 
     /// Hands over the parts whose boxes a ray meets before the nearest hit so far; `try_one` returns the distance of a hit.

@@ -33,11 +33,11 @@ impl TriangleMesh {
     }
 }
 
-/// Reads a mesh; `beside` reads a file that it names, from the folder of the mesh.
+/// Reads a mesh; `beside` reads a file that it names, from the folder of the mesh: the first so many bytes.
 ///
 /// # Errors
 /// When the content is none of the formats, is damaged, or has no triangle.
-pub fn read_mesh(bytes: &[u8], beside: &mut dyn FnMut(&str) -> Result<Vec<u8>>) -> Result<TriangleMesh> {
+pub fn read_mesh(bytes: &[u8], beside: &mut dyn FnMut(&str, u64) -> Result<Vec<u8>>) -> Result<TriangleMesh> {
     let first = bytes.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(0);
     let mesh = if bytes.starts_with(b"ply") {
         ply::read(bytes)?

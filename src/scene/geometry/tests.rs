@@ -149,7 +149,7 @@ fn what_makes_no_sense_is_refused() {
 
 const OBJ: &str = "# a square\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1 4//1\nf -4 -3 -2\n";
 
-fn no_file(name: &str) -> Result<Vec<u8>> {
+fn no_file(name: &str, _: u64) -> Result<Vec<u8>> {
     Err(Error::argument("file", name, "none", "none"))
 }
 
@@ -206,13 +206,13 @@ fn a_gltf_file_is_placed_by_its_nodes() {
     let mut bin: Vec<u8> = Vec::new();
     [0f32, 0., 0., 1., 0., 0., 0., 1., 0.].iter().for_each(|v| bin.extend(v.to_le_bytes()));
     [0u16, 1, 2].iter().for_each(|v| bin.extend(v.to_le_bytes()));
-    let mesh = read_mesh(json(42).as_bytes(), &mut |_| Ok(bin.clone())).expect("glTF");
+    let mesh = read_mesh(json(42).as_bytes(), &mut |_, _| Ok(bin.clone())).expect("glTF");
     assert_eq!(mesh.positions, [DVec3::new(0., 0., 5.), DVec3::new(2., 0., 5.), DVec3::new(0., 2., 5.)]);
     assert_eq!(mesh.triangles, [[0, 1, 2]]);
-    assert!(read_mesh(json(42).as_bytes(), &mut |_| Ok(vec![0; 40])).is_err());
+    assert!(read_mesh(json(42).as_bytes(), &mut |_, _| Ok(vec![0; 40])).is_err());
     assert!(read_mesh(json(42).as_bytes(), &mut no_file).is_err());
     bin[40] = 9;
-    assert!(read_mesh(json(42).as_bytes(), &mut |_| Ok(bin.clone())).is_err(), "an index beyond the vertices");
+    assert!(read_mesh(json(42).as_bytes(), &mut |_, _| Ok(bin.clone())).is_err(), "an index beyond the vertices");
 }
 
 #[test]

@@ -127,7 +127,7 @@ pub(super) fn pack(directory: &Path, out: &Path) -> Result<()> {
         .with_alignment(ALIGNMENT);
     for key in keys {
         let path = directory.join(&key);
-        let bytes = File::open(&path).and_then(|f| file_bytes(&f)).map_err(|e| Error::io(&path, "read", e))?;
+        let bytes = File::open(&path).and_then(|f| file_bytes(&f, true)).map_err(|e| Error::io(&path, "read", e))?;
         let options = options.large_file(bytes.len() > u32::MAX as usize);
         zip.start_file(key, options).map_err(|e| failed(e.into()))?;
         zip.write_all(&bytes).map_err(failed)?;

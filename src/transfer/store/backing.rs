@@ -80,6 +80,8 @@ pub(super) enum Backing {
 #[derive(Debug)]
 pub(super) struct Directory {
     path: PathBuf,
+    /// Whether long files are mapped; else they are read.
+    maps: bool,
     // Held open, so that the system gives its number to no other directory.
     #[cfg(unix)]
     handle: File,
@@ -95,9 +97,23 @@ impl Directory {
         let handle = File::open(path).map_err(|e| Error::io(path, "open the store", e))?;
         Ok(Self {
             path: path.into(),
+            maps: true,
             #[cfg(unix)]
             handle,
         })
+    }
+
+    /// The same directory, whose files are read and never mapped.
+    pub fn unmapped(self) -> Self {
+        Self { maps: false, ..self }
+    }
+
+    /// Another handle of the same directory.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn again(&self) -> Result<Self> {
+        Ok(Self { maps: self.maps, ..Self::open(&self.path)? })
     }
 
     /// Where it was when it was opened.
@@ -133,6 +149,17 @@ impl Backing {
     pub fn open(path: &Path) -> Result<Self> {
         let kind = fs::metadata(path).map_err(|e| Error::io(path, "open the store", e))?;
         if kind.is_dir() { Directory::open(path).map(Self::Directory) } else { Archive::open(path).map(Self::Archive) }
+    }
+
+    /// Another handle of the same directory or archive.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn again(&self) -> Result<Self> {
+        match self {
+            Self::Directory(directory) => directory.again().map(Self::Directory),
+            Self::Archive(archive) => Archive::open(&archive.path).map(Self::Archive),
+        }
     }
 
     /// The path of the directory or archive.
@@ -172,7 +199,7 @@ impl Backing {
         match self {
             Self::Directory(root) => {
                 let path = root.path.join(key);
-                match open_plain(&path).and_then(|file| file_bytes(&file)) {
+                match open_plain(&path).and_then(|file| file_bytes(&file, root.maps)) {
                     Ok(bytes) => Ok(Some(bytes)),
                     Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => Ok(None),
                     Err(e) => Err(Error::io(path, "read", e)),
@@ -263,13 +290,13 @@ fn sweep(directory: &Path, prefix: &str) {
     }
 }
 
-/// The bytes of an open file, mapped where that pays.
-pub(super) fn file_bytes(file: &File) -> io::Result<Bytes> {
+/// The bytes of an open file, mapped where that is allowed and pays.
+pub(super) fn file_bytes(file: &File, maps: bool) -> io::Result<Bytes> {
     let kind = file.metadata()?;
     if !kind.is_file() {
         return Err(io::Error::other("it is a directory, not a file"));
     }
-    if kind.len() > MAP_ABOVE {
+    if maps && kind.len() > MAP_ABOVE {
         match map(file) {
             Ok(map) => return Ok(Bytes::Map(map)),
             // The system bounds the number of maps (65530 on Linux); past it, copies do.

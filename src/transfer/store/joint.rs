@@ -65,7 +65,7 @@ impl Store {
             let remedy = "choose one of these, or go on with the bake of the scene that has it";
             return Err(Error::argument("--volume", name, format!("one of {}", held.join(", ")), remedy));
         }
-        let mut store = Self::open_node(Backing::open(self.backing.path())?, &node)?;
+        let mut store = Self::open_node(self.backing.again()?, &node)?;
         store.sync = self.sync;
         Ok(store)
     }

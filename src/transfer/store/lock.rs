@@ -79,13 +79,13 @@ fn take(directory: &Path, name: &str, try_lock: fn(&File) -> std::result::Result
             Err(TryLockError::WouldBlock) => {
                 let mut holder = String::new();
                 let _ = (&file).take(256).read_to_string(&mut holder); // Only for the message.
-                return Err(Error::argument(
-                    "store",
-                    format!("{}, locked by {}", directory.display(), holder.trim()),
-                    "a store that nobody else is filling",
-                    "wait for that process or end it, give every process its own share with --chunks i/n, or give \
-                     another output with -o",
-                ));
+                return Err(Error::Locked {
+                    path: directory.to_path_buf(),
+                    holder: holder.trim().to_string(),
+                    remedy: "wait for that process or end it, give every process its own share with --chunks i/n, or \
+                             give another output with -o"
+                        .into(),
+                });
             }
         }
         if is_at(&file, &path) {

@@ -172,6 +172,18 @@ impl Store {
         Self::open_node(backing, &first)
     }
 
+    /// As [`Self::open`] of a directory, with files that are read into memory instead of mapped: slower, and as much
+    /// memory as is looked at, but a file that another program cuts off meanwhile is an error. Where files are mapped the
+    /// system ends the process then (SIGBUS).
+    ///
+    /// # Errors
+    /// As [`Self::open`]; when there is no directory at `path`.
+    pub fn open_unmapped(path: impl AsRef<Path>) -> Result<Self> {
+        let backing = Backing::Directory(Directory::open(path.as_ref())?.unmapped());
+        let first = open_root(&backing)?.swap_remove(0);
+        Self::open_node(backing, &first)
+    }
+
     /// Opens the transfer of one volume.
     fn open_node(backing: Backing, node: &str) -> Result<Self> {
         let env = format!("transfer/{node}/env");
@@ -257,7 +269,7 @@ impl Store {
             let remedy = "bake the scene that has it";
             return Err(Error::argument("group", group.node(), format!("one of {}", held.join(", ")), remedy));
         }
-        let backing = Backing::open(self.backing.path())?;
+        let backing = self.backing.again()?;
         let layout = group.layout(&self.layout)?;
         let folder = self.env.rsplit_once('/').map_or("", |(folder, _)| folder);
         let env = format!("{folder}/{}", group.node());

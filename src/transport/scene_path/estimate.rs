@@ -130,6 +130,7 @@ impl<T: Sample> Path<'_, '_, T> {
                 None => return,
             }
         }
+        counts.lost_turns += 1;
     }
 
     /// Adds to a layer of a group: 0 for emission, 1 + l for luminaire l.
@@ -235,6 +236,7 @@ impl<T: Sample> Path<'_, '_, T> {
                 }
             }
         }
+        counts.lost_specular += 1;
         None
     }
 

@@ -287,6 +287,8 @@ impl<T: Sample> Tracer<'_, T> {
             at = if let Place::Level(set, _) = place.place { Some((place, normal, set)) } else { None };
             (origin, turn, specular) = (place, turn + 1, 0);
         }
+        counts.lost_specular += u64::from(specular == MOST_SPECULAR);
+        counts.lost_turns += u64::from(turn == MOST_TURNS);
         found
     }
 }

@@ -72,6 +72,10 @@ pub struct SceneCounts {
     pub partner_hits: u64,
     /// Texels inside the solid of a partner: they have no surface.
     pub buried: u64,
+    /// Paths that were cut at the most mirrors and glass in a row; what light they had ahead of them is missing.
+    pub lost_specular: u64,
+    /// Paths that were cut at the most turns; what light they had ahead of them is missing.
+    pub lost_turns: u64,
 }
 
 impl SceneCounts {
@@ -93,6 +97,8 @@ impl std::ops::AddAssign for SceneCounts {
         self.partner_rays += other.partner_rays;
         self.partner_hits += other.partner_hits;
         self.buried += other.buried;
+        self.lost_specular += other.lost_specular;
+        self.lost_turns += other.lost_turns;
     }
 }
 

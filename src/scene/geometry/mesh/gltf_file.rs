@@ -15,7 +15,7 @@ const DEEPEST: usize = 64;
 /// Most vertices with those of all copies: as many as that many triangles without shared corners have.
 const MOST_VERTICES: usize = 3 * MOST_TRIANGLES;
 
-pub(super) fn read(bytes: &[u8], beside: &mut dyn FnMut(&str) -> Result<Vec<u8>>) -> Result<TriangleMesh> {
+pub(super) fn read(bytes: &[u8], beside: &mut dyn FnMut(&str, u64) -> Result<Vec<u8>>) -> Result<TriangleMesh> {
     let (file, blob) = document(bytes)?;
     let mut buffers = Vec::new();
     for buffer in file.buffers() {
@@ -24,7 +24,7 @@ pub(super) fn read(bytes: &[u8], beside: &mut dyn FnMut(&str) -> Result<Vec<u8>>
             gltf::buffer::Source::Uri(uri) if uri.starts_with("data:") => {
                 return Err(damaged("a buffer inside the JSON (data:)", "a GLB, or a .bin beside the file"));
             }
-            gltf::buffer::Source::Uri(uri) => beside(uri)?,
+            gltf::buffer::Source::Uri(uri) => beside(uri, buffer.length() as u64)?,
         };
         if data.len() < buffer.length() {
             return Err(damaged(format!("a buffer of {} bytes", data.len()), "as many bytes as the file says"));

@@ -27,7 +27,7 @@ fn triangle() -> (Value, Vec<u8>) {
 }
 
 fn read(file: &Value, bytes: &[u8]) -> Result<TriangleMesh> {
-    read_mesh(file.to_string().as_bytes(), &mut |_| Ok(bytes.to_vec()))
+    read_mesh(file.to_string().as_bytes(), &mut |_, _| Ok(bytes.to_vec()))
 }
 
 /// One change of the sound file, and words of the refusal.
@@ -109,7 +109,7 @@ fn nodes_are_a_tree() {
 fn a_glb_is_as_long_as_its_header() {
     for length in 0..12u32 {
         let bytes = [&b"glTF\x02\0\0\0"[..], &length.to_le_bytes(), &[0; 40]].concat();
-        let message = read_mesh(&bytes, &mut |_| Ok(Vec::new())).expect_err("too short").to_string();
+        let message = read_mesh(&bytes, &mut |_, _| Ok(Vec::new())).expect_err("too short").to_string();
         assert!(message.contains(&format!("a GLB of {length} bytes")), "{message}");
     }
 }
@@ -130,6 +130,6 @@ fn positions_are_finite() {
     let message = read(&file, &bytes).expect_err("not finite").to_string();
     assert!(message.contains("not finite"), "{message}");
     for text in ["v 0 0 inf\nv 0 0 0\nv 1 0 0\nf 1 2 3", "v 0 0 1e999\nv 0 0 0\nv 1 0 0\nf 1 2 3"] {
-        assert!(read_mesh(text.as_bytes(), &mut |_| Ok(Vec::new())).is_err(), "{text}");
+        assert!(read_mesh(text.as_bytes(), &mut |_, _| Ok(Vec::new())).is_err(), "{text}");
     }
 }

@@ -1,33 +1,43 @@
 //! `isolume view`: the live page, served on this machine or written into one file.
 
+mod http;
+mod server;
+
+use super::baking::{Goal, Job};
+use super::cache::{Cache, Filled, InUse};
 use super::console::Console;
 use super::info::{self, check_store};
+use super::input::{self, VolumeArgs};
 use super::isovalue::Isovalue;
 use super::light::open_probe;
+use super::options::TransferArgs;
 use super::output::check_file;
-use super::{Failure, Outcome, text};
+use super::{Outcome, text};
 use crate::error::Error;
 use crate::export::atomic;
-use crate::probe::{EMBEDDED, Probe, ReadOptions};
+use crate::probe::{EMBEDDED, Probe};
 use crate::transfer::store::Store;
-use crate::view::page::{page, page_in_one_file};
+use crate::view::page::page_in_one_file;
 use crate::view::{Coding, Options, Package, Subject, pack};
 use serde_json::json;
+use server::Server;
 use std::io::Write;
 use std::path::PathBuf;
-use tiny_http::{Header, Method, Request, Response, Server};
 
-/// Look at a store in the browser: every isosurface, relit under the hand
+/// Look at a store or a volume in the browser: every isosurface, relit under the hand
 ///
-/// Serves a page on 127.0.0.1 until Ctrl-C, or writes one file that opens without a network. The page needs a browser
-/// with WebGL2. Environments (.hdr, .exr) can be dropped onto it.
+/// Serves a page on 127.0.0.1 until Ctrl-C, for who has the address that is printed; or writes one file that opens
+/// without a network. The page needs a browser with WebGL2. Environments (.hdr, .exr; up to 64 MB and 33 million pixels)
+/// can be dropped onto it. A volume is baked first, for all its isovalues, into a store in the user's cache folder, where
+/// the next run finds it.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume view brain.isolume
-  isolume view brain.isolume --html brain.html --texture-side 96 --env sunset.hdr")]
+  isolume view brain.isolume --html brain.html --texture-side 96 --env sunset.hdr
+  isolume view brain.nii.gz --texture 0.5")]
 pub(super) struct View {
-    /// The store
-    #[arg(value_name = "X.isolume")]
+    /// The store, or a volume file or field that is baked first
+    #[arg(value_name = "X.isolume|VOLUME")]
     input: String,
     /// Write the page with its data into one file instead: 8-bit coefficients, reduced resolution
     #[arg(long, value_name = "OUT.html")]
@@ -50,21 +60,60 @@ pub(super) struct View {
     /// Open the page in the browser of this system
     #[arg(long)]
     open: bool,
+    #[command(flatten, next_help_heading = "Volume")]
+    volume: VolumeArgs,
+    #[command(flatten, next_help_heading = "Bake of a volume")]
+    transfer: TransferArgs,
+    /// Where stores of volumes are kept [default: the user's cache folder; see isolume cache]
+    #[arg(long, value_name = "DIR", help_heading = "Bake of a volume")]
+    cache: Option<PathBuf>,
 }
 
 impl View {
-    pub(super) fn run(&self, console: &Console) -> Outcome {
-        check_store(&self.input)?;
+    pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
         self.html.as_deref().map_or(Ok(()), check_file)?;
-        let package = self.package(console)?;
+        let (store, _use) = self.store(seed, console)?;
+        let package = self.package(&store, console)?;
         match &self.html {
             Some(path) => write_page(path, &package, console),
-            None => self.serve(&package, console),
+            None => self.serve(package, console),
         }
     }
 
-    fn package(&self, console: &Console) -> Outcome<Package> {
-        let store = Store::open(&self.input)?;
+    /// The store, or that of the volume, baked where it is not in the cache.
+    fn store(&self, seed: u64, console: &Console) -> Outcome<(Store, Option<InUse>)> {
+        if info::is_store(&self.input) || self.input.ends_with(".isolume") {
+            check_store(&self.input)?;
+            return Ok((Store::open(&self.input)?, None));
+        }
+        if self.input.ends_with(".toml") {
+            let (expected, remedy) =
+                ("a store or a volume", "bake the scene and relight it; the page shows volumes alone");
+            return Err(Error::argument("input", &self.input, expected, remedy).into());
+        }
+        let mut opened = input::open(&self.input, &self.volume)?;
+        self.transfer.switch_shadows(&mut opened.volume);
+        opened.volume.check_cells()?;
+        opened.volume.notes.iter().for_each(|note| console.note(&note.text));
+        let layout = self.transfer.layout(&opened.volume, &[5])?;
+        let settings = self.transfer.settings(&layout, seed, false);
+        let effects = self.transfer.effects();
+        let job = Job {
+            goal: Goal { error: self.transfer.error, ..Goal::default() },
+            memory_limit: self.transfer.memory_limit,
+            ..Job::new(&opened.volume, &opened.label, layout, settings, &effects)
+        };
+        job.check_memory()?;
+        let cache = Cache::locate(self.cache.as_deref())?;
+        cache.prepare()?;
+        let path = cache.place(&job);
+        let Filled { store, report, in_use } = cache.fill(&job, &path, console)?;
+        cache.tell(&report, None, &path, console);
+        cache.evict(console)?;
+        Ok((store, Some(in_use)))
+    }
+
+    fn package(&self, store: &Store, console: &Console) -> Outcome<Package> {
         let volume = store.volume()?;
         let held = store.holdings()?;
         let isovalue = match held.isovalues.first() {
@@ -100,7 +149,7 @@ impl View {
         ];
         let subject = Subject {
             volume: &volume,
-            source: &store,
+            source: store,
             isovalues: (!held.all).then(|| held.isovalues.clone()),
             about: about.map(|(name, text)| (name.to_string(), text)).to_vec(),
             probes: &probes,
@@ -126,22 +175,16 @@ impl View {
         Ok(package)
     }
 
-    fn serve(&self, package: &Package, console: &Console) -> Outcome {
-        let server = Server::http(("127.0.0.1", self.port)).map_err(|e| {
-            Failure::Message(format!("cannot serve on 127.0.0.1:{}: {e}; give another --port", self.port))
-        })?;
-        let address = format!("http://{}/", server.server_addr());
+    fn serve(&self, package: Package, console: &Console) -> Outcome {
+        let server = Server::new(self.port, package)?;
+        let address = server.address()?;
         console.print(format!("{address}  (Ctrl-C ends it)"));
         console.print_json(&json!({ "address": address }));
+        console.finish()?;
         if self.open {
             open_browser(&address, console);
         }
-        let document = page();
-        let header = package.header.to_string();
-        for request in server.incoming_requests() {
-            // A browser that went away is no reason to end.
-            let _ = answer(request, &document, &header, &package.payload);
-        }
+        server.run();
         Ok(())
     }
 }
@@ -157,61 +200,6 @@ fn write_page(path: &std::path::Path, package: &Package, console: &Console) -> O
         "valid_texels": package.valid_texels,
     }));
     Ok(())
-}
-
-/// Largest environment that is taken from the page.
-const MOST_PROBE_BYTES: usize = 1 << 28;
-
-fn answer(mut request: Request, document: &str, header: &str, payload: &[u8]) -> std::io::Result<()> {
-    // Only a page of this server may ask: a foreign name that resolves to this machine is refused.
-    let host = request.headers().iter().find(|h| h.field.equiv("Host")).map(|h| h.value.as_str().to_string());
-    let name = host.as_deref().map_or("", |h| h.rsplit_once(':').map_or(h, |(name, _)| name));
-    if name != "127.0.0.1" && name != "localhost" {
-        return request.respond(Response::from_string("this page is for 127.0.0.1").with_status_code(403));
-    }
-    let (method, url) = (request.method().clone(), request.url().to_string());
-    let path = url.split('?').next().unwrap_or_default();
-    match (method, path) {
-        (Method::Get, "/") => request.respond(typed(document.as_bytes(), "text/html; charset=utf-8")),
-        (Method::Get, "/header.json") => request.respond(typed(header.as_bytes(), "application/json")),
-        (Method::Get, "/payload.bin") => request.respond(typed(payload, "application/octet-stream")),
-        (Method::Post, "/probe") => {
-            let mut bytes = Vec::new();
-            let limit = MOST_PROBE_BYTES as u64 + 1;
-            std::io::Read::read_to_end(&mut std::io::Read::take(request.as_reader(), limit), &mut bytes)?;
-            match decode(&bytes) {
-                Ok((size, pixels)) => {
-                    let mut response = typed(bytemuck::cast_slice(&pixels), "application/octet-stream");
-                    response.add_header(field("X-Image-Size", &size));
-                    request.respond(response)
-                }
-                Err(message) => request.respond(Response::from_string(message).with_status_code(415)),
-            }
-        }
-        _ => request.respond(Response::from_string("not found").with_status_code(404)),
-    }
-}
-
-/// Size and pixels of an environment, for the page.
-fn decode(bytes: &[u8]) -> Result<(String, Vec<[f32; 3]>), String> {
-    if bytes.len() > MOST_PROBE_BYTES {
-        return Err(format!("more than {}", text::bytes(MOST_PROBE_BYTES as f64)));
-    }
-    let probe = Probe::from_bytes("dropped", bytes, &ReadOptions::default()).map_err(|e| e.to_string())?;
-    let image = &probe.image;
-    Ok((format!("{}x{}", image.width(), image.height()), image.pixels().to_vec()))
-}
-
-fn typed<'a>(bytes: &'a [u8], kind: &str) -> Response<&'a [u8]> {
-    let headers = vec![field("Content-Type", kind), field("Cache-Control", "no-store")];
-    // With its length, so that a browser can say how far it is.
-    Response::new(200.into(), headers, bytes, Some(bytes.len()), None).with_chunked_threshold(usize::MAX)
-}
-
-fn field(name: &str, value: &str) -> Header {
-    let made = Header::from_bytes(name.as_bytes(), value.as_bytes());
-    // Both are ASCII, by construction.
-    made.unwrap_or_else(|()| unreachable!("{name}: {value} is a header"))
 }
 
 /// Asks the system for its browser; where there is none, the address on the terminal has to do.

@@ -1,0 +1,28 @@
+//! `isolume completions`: what the shell completes.
+
+use super::console::Console;
+use super::{Cli, Outcome};
+use clap::CommandFactory;
+use clap_complete::Shell;
+
+/// Print completions for a shell
+#[derive(clap::Args)]
+#[command(after_help = "Examples:
+  isolume completions bash > ~/.local/share/bash-completion/completions/isolume
+  isolume completions zsh > ~/.zfunc/_isolume          (with ~/.zfunc in $fpath)
+  isolume completions fish > ~/.config/fish/completions/isolume.fish
+  isolume completions powershell >> $PROFILE")]
+pub(super) struct Completions {
+    /// The shell
+    #[arg(value_enum, value_name = "SHELL")]
+    shell: Shell,
+}
+
+impl Completions {
+    pub(super) fn run(&self, console: &Console) -> Outcome {
+        let mut text = Vec::new();
+        clap_complete::generate(self.shell, &mut Cli::command(), "isolume", &mut text);
+        console.print_raw(&text);
+        Ok(())
+    }
+}
