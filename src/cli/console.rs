@@ -11,11 +11,22 @@ use std::time::{Duration, Instant};
 pub(super) struct Console {
     json: bool,
     quiet: bool,
+    verbose: bool,
 }
 
 impl Console {
     pub(super) fn new(json: bool, quiet: bool) -> Self {
-        Self { json, quiet }
+        Self { json, quiet, verbose: false }
+    }
+
+    /// The same with details, if they are wanted.
+    pub(super) fn with_details(self, verbose: bool) -> Self {
+        Self { verbose, ..self }
+    }
+
+    /// Whether details are wanted.
+    pub(super) fn is_verbose(&self) -> bool {
+        self.verbose
     }
 
     /// Whether results are wanted as JSON.
@@ -27,6 +38,20 @@ impl Console {
     pub(super) fn print(&self, text: impl std::fmt::Display) {
         if !self.json {
             let _ = writeln!(std::io::stdout(), "{text}");
+        }
+    }
+
+    /// Prints what was made of it, in a line or two: nothing under `--quiet`.
+    pub(super) fn summary(&self, text: impl std::fmt::Display) {
+        if !self.quiet {
+            self.print(text);
+        }
+    }
+
+    /// Prints what only some want to know: under `--verbose`.
+    pub(super) fn detail(&self, text: impl std::fmt::Display) {
+        if self.verbose {
+            self.print(text);
         }
     }
 

@@ -72,9 +72,12 @@ struct Common {
     /// Print the result as JSON
     #[arg(long, global = true, help_heading = "Every command")]
     json: bool,
-    /// No progress and no notes
+    /// Print nothing but errors and what was asked for: no progress, no notes, no summary
     #[arg(short, long, global = true, help_heading = "Every command")]
     quiet: bool,
+    /// Print details: sizes, times, rays, noise
+    #[arg(short, long, global = true, help_heading = "Every command", conflicts_with = "quiet")]
+    verbose: bool,
     /// Threads to use [default: one per core]
     #[arg(long, global = true, help_heading = "Every command", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     threads: Option<u32>,
@@ -138,7 +141,7 @@ pub fn main() -> ExitCode {
             return ExitCode::from(error.exit_code().clamp(0, 255) as u8);
         }
     };
-    let console = Console::new(cli.common.json, cli.common.quiet);
+    let console = Console::new(cli.common.json, cli.common.quiet).with_details(cli.common.verbose);
     match run(&cli, &console) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {

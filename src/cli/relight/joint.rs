@@ -265,7 +265,7 @@ pub(super) fn bake(
             0 => console.note(format!("{} found in {}", volume.name, path.display())),
             _ => {
                 console.note(format!("{} baked into {}", volume.name, path.display()));
-                console.print(report.lines(baking::size_on_disk(path)));
+                console.detail(report.lines(baking::size_on_disk(path)));
             }
         }
         if member == 0 {

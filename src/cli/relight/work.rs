@@ -86,7 +86,7 @@ impl<'a> Work<'a> {
         let pyramid = Pyramid::new(volume);
         let rule = command.albedo_rule(volume.value_range())?;
         let (emission, effects) = (command.emission_rule(), command.transfer.effects());
-        let up = command.volume.up.unwrap_or(volume.up);
+        let up = command.volume.up_of(volume.up)?;
         let read_time = start.elapsed();
         Ok(Self {
             command,
@@ -216,7 +216,7 @@ impl<'a> Work<'a> {
             self.console.note(format!("found in {}", path.display()));
         } else if !is_draft {
             self.console.note(format!("baked into {}", path.display()));
-            self.console.print(report.lines(baking::size_on_disk(&path)));
+            self.console.detail(report.lines(baking::size_on_disk(&path)));
         }
         Ok(Source { store, transport_rays: report.summary.counts.rays })
     }

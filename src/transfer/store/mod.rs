@@ -64,6 +64,7 @@ pub use identity::{FORMAT_VERSION, Identity, SceneIdentity};
 pub use joint::{CouplingIdentity, PartnerIdentity};
 pub use lock::StoreLock;
 pub use merge::MergeReport;
+pub use volume::FRONT_NOT_RECORDED;
 
 use super::{Group, Layout};
 use crate::error::{Error, Result};
