@@ -194,7 +194,7 @@ impl Bounds {
     }
 }
 
-/// The world axis that points up.
+/// How world stands in the Y-up frame of glTF: the axis that points up, and what is the front.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Up {
     /// +x
@@ -210,12 +210,15 @@ pub enum Up {
     NegY,
     /// −z
     NegZ,
+    /// +z of a patient's frame, RAS+ (x right, y anterior, z superior): anterior is the front.
+    Anatomical,
 }
 
 impl Up {
     /// The rotation from world axes to the Y-up, right-handed frame of glTF and of environments.
     /// For z it is (x, y, z) → (x, z, −y); for the other axes the rotation by a quarter or half
-    /// turn that takes the axis to +Y.
+    /// turn that takes the axis to +Y. For a patient's frame it is (x, y, z) → (−x, z, y):
+    /// anterior is +Z, which cameras see from the front, and the patient's left +X.
     pub fn gltf_from_world(self) -> DMat3 {
         // Rows written as the images of (x, y, z); `from_cols` takes the transpose.
         let rows = match self {
@@ -225,6 +228,7 @@ impl Up {
             Self::NegX => [[0., 1., 0.], [-1., 0., 0.], [0., 0., 1.]],
             Self::NegY => [[1., 0., 0.], [0., -1., 0.], [0., 0., -1.]],
             Self::NegZ => [[1., 0., 0.], [0., 0., -1.], [0., 1., 0.]],
+            Self::Anatomical => [[-1., 0., 0.], [0., 0., 1.], [0., 1., 0.]],
         };
         DMat3::from_cols_array_2d(&rows).transpose()
     }
@@ -234,12 +238,17 @@ impl Up {
         self.gltf_from_world().transpose() * DVec3::Y
     }
 
-    /// The name used on the command line.
+    /// Whether the front is a patient's.
+    pub fn is_anatomical(self) -> bool {
+        self == Self::Anatomical
+    }
+
+    /// The name of the axis, as on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::X => "x",
             Self::Y => "y",
-            Self::Z => "z",
+            Self::Z | Self::Anatomical => "z",
             Self::NegX => "-x",
             Self::NegY => "-y",
             Self::NegZ => "-z",

@@ -109,7 +109,7 @@ fn exports_are_refused_with_a_reason() {
 #[test]
 fn a_turntable_turns_the_view_or_the_light() {
     let bench = baked();
-    let relight = "relight b.isolume -i auto -e sun:90,30 --size 32x24 --view front";
+    let relight = "relight b.isolume -i auto -e sun:0,30 --size 32x24 --view front";
     bench.run(&format!("{relight} --turntable 4 -o turn/"));
     let names: Vec<_> = std::fs::read_dir(bench.path("turn")).expect("a folder").collect();
     assert_eq!(names.len(), 4);

@@ -51,6 +51,9 @@ pub(super) struct Bake {
     /// Turn that environment counter-clockwise about up, in degrees
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true, requires = "for_env")]
     env_rotate: f64,
+    /// Where the centre of that environment lies in glTF: at +X (Blender, three.js), or at +Z (OpenEXR)
+    #[arg(long, value_enum, value_name = "FRAME", default_value = "gltf", requires = "for_env")]
+    env_frame: super::light::FrameName,
     /// Albedo under that environment
     #[arg(long, value_name = "RHO", default_value_t = 0.7, requires = "for_env")]
     albedo: f32,
@@ -78,9 +81,6 @@ pub(super) struct Bake {
     /// Trace one texel alone, print its paths, and bake nothing
     #[arg(long, value_name = "X,Y,Z", value_parser = replay::parse_texel)]
     replay_texel: Option<[usize; 3]>,
-    /// Show the plan: which effects are simulated, why, and what is left out
-    #[arg(short, long)]
-    verbose: bool,
     #[arg(skip)]
     pub(super) scene: Option<SceneFile>,
 }
@@ -182,7 +182,7 @@ impl Bake {
         let effects = self.bake.transfer.effects();
         let mut job = Job::of_options(&opened, scene, &self.bake, isovalues, layout, settings, &effects);
         job.goal = Goal { light, time: self.time, ..job.goal };
-        job.hints.shown = self.verbose;
+        job.hints.shown = console.is_verbose();
         (job.share, job.start) = (self.chunks, start);
         job.writing = Writing { sync: !self.no_sync, repair: self.repair, ..Writing::default() };
         job.check_memory()?;
@@ -191,7 +191,8 @@ impl Bake {
         };
         let (store, report) = fill(&job, target, console)?;
         let bytes = size_on_disk(target);
-        console.print(format!("{}\n{}", path.display(), report.lines(bytes)));
+        console.summary(text::file_line(path, &report.summary_line(bytes)));
+        console.detail(report.lines(bytes));
         Ok(Some(json!({
             "store": file_name(&path.display().to_string()),
             "identity": store.identity(),
@@ -229,7 +230,7 @@ impl Bake {
         let pyramid = Pyramid::new(volume);
         let name = self.for_env.as_deref().unwrap_or("courtyard");
         let probe = open_probe(name, false, None)?;
-        let orientation = Orientation::new(self.volume.up.unwrap_or(volume.up), self.env_rotate)?;
+        let orientation = Orientation::new(volume.up, self.env_rotate)?.in_frame(self.env_frame.into());
         let layers = self.bake.transfer.layout(volume, &self.bake.bands)?.layers;
         let isovalue = match isovalues {
             Some([first, ..]) => *first,
@@ -287,9 +288,9 @@ impl Bake {
         }
         Material::new([self.albedo; 3], [0.0; 3])?;
         let probe = open_probe(name, false, None)?;
-        let orientation = Orientation::new(self.volume.up.unwrap_or(volume.up), self.env_rotate)?;
+        let orientation = Orientation::new(volume.up, self.env_rotate)?.in_frame(self.env_frame.into());
         let light = probe.coefficients_in_world(layout.layers.max_bands(), orientation);
-        Ok(Some(ForLight::new(probe.name, light, self.albedo)))
+        Ok(Some(ForLight::new(probe.name, self.env_frame.into(), light, self.albedo)))
     }
 }
 

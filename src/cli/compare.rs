@@ -42,6 +42,9 @@ pub(super) struct Compare {
     /// Turn the light counter-clockwise about up, seen from above, in degrees
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
     env_rotate: f64,
+    /// Where the centre of environment images lies in glTF: at +X (Blender, three.js), or at +Z (OpenEXR)
+    #[arg(long, value_enum, value_name = "FRAME", default_value = "gltf")]
+    env_frame: super::light::FrameName,
     /// Diffuse reflectance, one number or r,g,b
     #[arg(long, value_name = "RHO|R,G,B", default_value = "0.7", value_parser = parse_triple, allow_hyphen_values = true)]
     albedo: super::light::Triple,
@@ -89,7 +92,7 @@ impl Compare {
         let identity = store.identity();
         let pyramid = Pyramid::new(&volume);
         let layout = store.layout();
-        let orientation = Orientation::new(volume.up, self.env_rotate)?;
+        let orientation = Orientation::new(volume.up, self.env_rotate)?.in_frame(self.env_frame.into());
         let probes = self.env.iter().map(|e| open_probe(e, false, None)).collect::<Result<Vec<_>, Error>>()?;
         let settings = Settings {
             layers: layout.layers.clone(),

@@ -18,11 +18,22 @@ pub(super) struct Console {
     failed: RefCell<Option<io::Error>>,
     /// Whether a result for machines was printed.
     told: Cell<bool>,
+    verbose: bool,
 }
 
 impl Console {
     pub(super) fn new(json: bool, quiet: bool) -> Self {
-        Self { json, quiet, failed: RefCell::new(None), told: Cell::new(false) }
+        Self { json, quiet, verbose: false, failed: RefCell::new(None), told: Cell::new(false) }
+    }
+
+    /// The same with details, if they are wanted.
+    pub(super) fn with_details(self, verbose: bool) -> Self {
+        Self { verbose, ..self }
+    }
+
+    /// Whether details are wanted.
+    pub(super) fn is_verbose(&self) -> bool {
+        self.verbose
     }
 
     /// Whether results are wanted as JSON.
@@ -34,6 +45,20 @@ impl Console {
     pub(super) fn print(&self, text: impl std::fmt::Display) {
         if !self.json {
             self.keep(writeln!(io::stdout(), "{text}"));
+        }
+    }
+
+    /// Prints what was made of it, in a line or two: nothing under `--quiet`.
+    pub(super) fn summary(&self, text: impl std::fmt::Display) {
+        if !self.quiet {
+            self.print(text);
+        }
+    }
+
+    /// Prints what only some want to know: under `--verbose`.
+    pub(super) fn detail(&self, text: impl std::fmt::Display) {
+        if self.verbose {
+            self.print(text);
         }
     }
 

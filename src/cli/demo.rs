@@ -38,9 +38,9 @@ const ISOVALUES: [f64; 2] = [90.0, 160.0];
 const ENVIRONMENTS: [&str; 3] = ["courtyard", "studio", "sunset"];
 /// Rays a texel: a draft, so that the bake takes well below a minute on two cores.
 const RAYS: u32 = 64;
-/// From the front left and above.
-const VIEW: &str = "150,15";
-/// The brain looks to the back of the images; this brings their brightest part before it.
+/// From the front left and a little above.
+const VIEW: &str = "30,15";
+/// Brings the brightest part of the environments before the brain.
 const ROTATE: &str = "150";
 const SIZE: &str = "376x324";
 

@@ -153,7 +153,7 @@ fn show(probe: &Probe, bands: usize, console: &Console) -> Outcome {
         rows.push(vec!["note".into(), note.text.clone()]);
     }
     console.print(text::table(&rows));
-    console.print("coefficients in the probe frame (y up, the image's centre is +z), r g b:");
+    console.print("coefficients in the glTF frame (y up; the image's centre is +x), r g b:");
     for l in 0..bands {
         for i in l * l..(l + 1) * (l + 1) {
             let m = i as isize - (l * (l + 1)) as isize;
@@ -173,7 +173,7 @@ fn project(probe: &Probe, bands: usize, output: Option<&Path>, console: &Console
     let value = json!({
         "name": probe.name,
         "bands": bands,
-        "convention": "real orthonormal, no Condon-Shortley sign, index l(l+1)+m; probe frame: y up, the image's centre is +z, +x a quarter to its left; linear Rec.709",
+        "convention": "real orthonormal, no Condon-Shortley sign, index l(l+1)+m; glTF frame: y up, the image's centre is +x, +z three quarters from the left; linear Rec.709",
         "rgb": rows,
     });
     match output {

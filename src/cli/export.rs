@@ -9,6 +9,7 @@ use super::{Outcome, text};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::export::field::{RadianceField, write_nrrd, write_raw, write_raw_header, write_vti};
+use crate::probe::EnvFrame;
 use crate::relight::{LookupReport, Material};
 use crate::scene::MaterialRule;
 use crate::transfer::store::Store;
@@ -111,7 +112,7 @@ impl Export {
         let provenance = json!({
             "program": concat!("isolume ", env!("CARGO_PKG_VERSION")),
             "volume": volume.name, "store": store.identity().hash(), "environment": probe.name,
-            "env_rotate_degrees": self.light.env_rotate, "window": self.light.window_name(),
+            "env_rotate_degrees": self.light.env_rotate, "env_frame": EnvFrame::from(self.light.env_frame).name(), "window": self.light.window_name(),
             "albedo": material.albedo, "emission": material.emission, "exposure_ev": f64::from(exposure).log2(),
             "noise_over_mean": contracted.noise.relative(),
         });

@@ -39,6 +39,50 @@ pub(super) struct VolumeArgs {
     /// Read files that lie outside the folder of the file that names them (NRRD `data file`, raw sidecars)
     #[arg(long)]
     pub(super) allow_outside: bool,
+    /// What decides the front: the grid's axes, or a patient's frame, whose front is anterior [default: anatomical
+    /// for NIfTI with a transform code and NRRD with a patient's space, else grid]
+    #[arg(long, value_enum, value_name = "FRAME")]
+    pub(super) frame_of: Option<FrameOf>,
+}
+
+/// What decides the front.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum FrameOf {
+    /// The axes of the file's frame: the front is -y where z is up
+    Grid,
+    /// A patient's frame (RAS+, z up): the front is anterior
+    Anatomical,
+}
+
+impl VolumeArgs {
+    /// How a volume stands whose file says `found`.
+    ///
+    /// # Errors
+    /// When an anatomical frame is asked for with another axis up than z.
+    pub(super) fn up_of(&self, found: Up) -> Result<Up> {
+        let up = match self.up {
+            Some(Up::Z) if found.is_anatomical() => found,
+            Some(up) => up,
+            None => found,
+        };
+        match (self.frame_of, up) {
+            (None, up) => Ok(up),
+            (Some(FrameOf::Grid), Up::Anatomical) => Ok(Up::Z),
+            (Some(FrameOf::Grid), up) => Ok(up),
+            (Some(FrameOf::Anatomical), Up::Z | Up::Anatomical) => Ok(Up::Anatomical),
+            (Some(FrameOf::Anatomical), other) => Err(Error::argument(
+                "--frame-of",
+                format!("anatomical with {} up", other.name()),
+                "z up: in a patient's frame z is superior",
+                "leave out --up, or give --frame-of grid",
+            )),
+        }
+    }
+
+    /// The same for the volume of a scene, which stands in the frame of its walls unless told otherwise.
+    pub(super) fn of_scene(&self) -> Self {
+        Self { frame_of: self.frame_of.or(Some(FrameOf::Grid)), ..self.clone() }
+    }
 }
 
 fn parse_up(axis: &str) -> std::result::Result<Up, String> {
@@ -82,9 +126,7 @@ pub(super) fn open(argument: &str, args: &VolumeArgs) -> Outcome<Input> {
     if let Some(side) = args.solid {
         input.volume.solid = side.into();
     }
-    if let Some(up) = args.up {
-        input.volume.up = up;
-    }
+    input.volume.up = args.up_of(input.volume.up)?;
     Ok(input)
 }
 

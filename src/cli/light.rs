@@ -4,7 +4,7 @@ use super::{Outcome, text};
 use crate::error::{Error, Result};
 use crate::geom::Up;
 use crate::probe::sun::{SunOptions, split_sun};
-use crate::probe::{self, EMBEDDED, Layout, Orientation, Probe, ReadOptions};
+use crate::probe::{self, EMBEDDED, EnvFrame, Layout, Orientation, Probe, ReadOptions};
 use crate::relight::{self, Exposure, Light, Material};
 use crate::render::SunLight;
 use crate::scene::{Colormap, MaterialRule};
@@ -22,6 +22,9 @@ pub(super) struct LightArgs {
     /// Turn the light counter-clockwise about up, seen from above, in degrees
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
     pub(super) env_rotate: f64,
+    /// Where the centre of environment images lies in glTF: at +X as in Blender and three.js, or at +Z as in OpenEXR
+    #[arg(long, value_enum, value_name = "FRAME", default_value = "gltf")]
+    pub(super) env_frame: FrameName,
     /// Soften the band-limited light, against ringing
     #[arg(long, value_enum, default_value = "none")]
     pub(super) window: WindowName,
@@ -76,6 +79,25 @@ impl WindowName {
     }
 }
 
+/// A frame of environment images by name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(super) enum FrameName {
+    /// The image's centre is +X, +Z three quarters from the left
+    #[default]
+    Gltf,
+    /// The image's centre is +Z, +X a quarter from the left
+    Openexr,
+}
+
+impl From<FrameName> for EnvFrame {
+    fn from(name: FrameName) -> Self {
+        match name {
+            FrameName::Gltf => Self::Gltf,
+            FrameName::Openexr => Self::OpenExr,
+        }
+    }
+}
+
 pub(super) fn parse_layout(name: &str) -> std::result::Result<Layout, String> {
     name.parse().map_err(|e: Error| e.to_string())
 }
@@ -97,6 +119,11 @@ pub(super) fn open_probe(argument: &str, keep_negative: bool, layout: Option<Lay
 }
 
 impl LightArgs {
+    /// How environments stand around a volume.
+    pub(super) fn orientation(&self, up: Up) -> Result<Orientation> {
+        Ok(Orientation::new(up, self.env_rotate)?.in_frame(self.env_frame.into()))
+    }
+
     /// The light of a probe in world axes, cut and windowed at the band limit of each layer; `split`: without its
     /// dominant lamps.
     pub(super) fn prepare(&self, probe: &Probe, up: Up, layers: &Layers, split: bool) -> Result<Lighting> {
@@ -107,7 +134,7 @@ impl LightArgs {
         }
         let most = layers.max_bands();
         let bands = self.bands.map_or(most, |b| usize::from(b).min(most));
-        let orientation = Orientation::new(up, self.env_rotate)?;
+        let orientation = self.orientation(up)?;
         let whole = probe.coefficients_in_world(bands, orientation);
         let mut notes = Vec::new();
         let mut suns = Vec::new();

@@ -83,9 +83,12 @@ struct Common {
     /// Print the result as JSON
     #[arg(long, global = true, help_heading = "Every command")]
     json: bool,
-    /// No progress and no notes
+    /// Print nothing but errors and what was asked for: no progress, no notes, no summary
     #[arg(short, long, global = true, help_heading = "Every command")]
     quiet: bool,
+    /// Print details: sizes, times, rays, noise
+    #[arg(short, long, global = true, help_heading = "Every command", conflicts_with = "quiet")]
+    verbose: bool,
     /// Threads to use [default: one per core]
     #[arg(long, global = true, help_heading = "Every command", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     threads: Option<u32>,
@@ -163,7 +166,7 @@ pub fn main() -> ExitCode {
         Err(error) => return failed(error.into(), 1),
         Ok(Err(error)) => return answer_of_parser(&error, json),
     };
-    let console = Console::new(cli.common.json, cli.common.quiet);
+    let console = Console::new(cli.common.json, cli.common.quiet).with_details(cli.common.verbose);
     match run(&cli, &console).and_then(|()| console.finish()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {

@@ -14,15 +14,54 @@ use std::path::{Path, PathBuf};
 /// From where a surface is seen.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct ViewArgs {
-    /// Camera: front, back, left, right, top, bottom, iso, or AZIMUTH,ELEVATION in degrees
+    /// Camera: front, back, left, right, top, bottom, iso, or AZIMUTH,ELEVATION in degrees, counter-clockwise from
+    /// the front. Of a patient the front is anterior, left and right are the patient's, iso is from the front left
     #[arg(long, default_value = "iso", value_name = "VIEW", value_parser = parse_view, allow_hyphen_values = true)]
-    pub(super) view: View,
+    pub(super) view: Viewpoint,
     /// Perspective with this vertical field of view in degrees [default: parallel; 35 if no number is given]
     #[arg(long, value_name = "FOV", num_args = 0..=1, default_missing_value = "35", value_parser = parse_field_of_view)]
     pub(super) perspective: Option<f64>,
     /// Size of the picture
     #[arg(long, default_value = "960x720", value_name = "WxH", value_parser = parse_size)]
     pub(super) size: (usize, usize),
+}
+
+/// A view by name, or by angles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Viewpoint {
+    Named(&'static str),
+    At(View),
+}
+
+impl Viewpoint {
+    /// The view of a volume that stands as `up` says.
+    pub(super) fn view(self, up: Up) -> View {
+        match self {
+            // Names come from `VIEWS`, all of which are known.
+            Self::Named(name) => View::named(name, up).unwrap_or(View { azimuth: 0.0, elevation: 0.0 }),
+            Self::At(view) => view,
+        }
+    }
+
+    /// In words: the name, the side it is of a patient, and the angles.
+    pub(super) fn describe(self, up: Up) -> String {
+        let View { azimuth, elevation } = self.view(up);
+        let angles = format!("azimuth {azimuth}°, elevation {elevation}°");
+        let Self::Named(name) = self else { return format!("view from {angles}") };
+        let side = match name {
+            "front" => "anterior",
+            "back" => "posterior",
+            "left" => "the patient's left",
+            "right" => "the patient's right",
+            "top" => "superior",
+            "bottom" => "inferior",
+            _ => "anterior and left, above",
+        };
+        match up.is_anatomical() {
+            true => format!("view {name} (from {side}; {angles})"),
+            false => format!("view {name} ({angles})"),
+        }
+    }
 }
 
 /// How a preview looks.
@@ -116,14 +155,14 @@ pub(super) enum Frame {
 
 const VIEWS: [&str; 7] = ["front", "back", "left", "right", "top", "bottom", "iso"];
 
-fn parse_view(name: &str) -> std::result::Result<View, String> {
-    if let Some(view) = View::named(name) {
-        return Ok(view);
+fn parse_view(name: &str) -> std::result::Result<Viewpoint, String> {
+    if let Some(name) = VIEWS.iter().find(|known| **known == name) {
+        return Ok(Viewpoint::Named(name));
     }
     let angles = name.split_once(',').and_then(|(a, e)| Some((a.trim().parse().ok()?, e.trim().parse().ok()?)));
     match angles {
         Some((azimuth, elevation)) if f64::abs(azimuth) <= 3600.0 && f64::abs(elevation) <= 90.0 => {
-            Ok(View { azimuth, elevation })
+            Ok(Viewpoint::At(View { azimuth, elevation }))
         }
         _ => Err(match text::nearest(name, VIEWS) {
             Some(near) => format!("did you mean {near}?"),

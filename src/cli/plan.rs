@@ -110,7 +110,7 @@ impl Plan {
         console: &Console,
     ) -> Outcome<Value> {
         let probe = open_probe(&self.for_env, false, None)?;
-        let orientation = Orientation::new(self.volume.up.unwrap_or(job.volume.up), 0.0)?;
+        let orientation = Orientation::new(job.volume.up, 0.0)?;
         let isovalue = match job.isovalues.as_deref() {
             Some([first, ..]) => *first,
             _ => Isovalue::Auto.resolve(job.volume, of_field)?.value,

@@ -92,6 +92,7 @@ fn with_light_of_store(mut line: Vec<OsString>) -> Vec<OsString> {
 /// Opens the volume of an argument, or of the scene that it names, with what stands around it and is not switched off.
 pub(super) fn open(argument: &str, args: &VolumeArgs, scene: Option<&SceneFile>, effects: &Effects) -> Outcome<Input> {
     let Some(file) = scene else { return input::open(argument, args) };
+    let args = &args.of_scene();
     if !file.scene.volumes.is_empty() {
         return joint::open(file, file.member, args, &|input| file.geometry(input, effects, args.allow_outside));
     }

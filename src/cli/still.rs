@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::export::{Image, font};
 use crate::geom::{Bounds, Up};
 use crate::level::{Counts, Pyramid};
-use crate::probe::{LatLong, Orientation, Probe};
+use crate::probe::{LatLong, Probe};
 use crate::relight::{Contracted, LookupReport, Material};
 use crate::render::{Camera, Picture, Projection, RenderOptions, Subject, View, render};
 use crate::scene::geometry::Geometry;
@@ -52,7 +52,7 @@ impl Still<'_> {
     /// Picture number `index` of the turntable; the only one where there is none.
     pub(super) fn frame(&self, index: u32, contracted: &Contracted, lighting: &Lighting) -> Outcome<Frame> {
         let degrees = self.args.turntable.map_or(0.0, |n| 360.0 * f64::from(index) / f64::from(n));
-        let mut view = self.args.seen.view;
+        let mut view = self.args.seen.view.view(self.up);
         let mut light = self.light.clone();
         match self.args.turn {
             Turn::View => view.azimuth += degrees,
@@ -83,7 +83,7 @@ impl Still<'_> {
         let mut image = match self.args.background {
             Background::Colour(colour) => develop(&picture, self.exposure, self.args.tone, &|_, _| colour)?,
             Background::Environment => {
-                let sky = self.sky(view, light.env_rotate)?;
+                let sky = self.sky(view, &light)?;
                 develop(&picture, self.exposure, self.args.tone, &sky)?
             }
         };
@@ -142,7 +142,7 @@ impl Still<'_> {
 
     /// The environment behind a pixel. Parallel rays would see one direction of it: behind them it is seen in
     /// perspective.
-    fn sky(&self, view: View, rotation: f64) -> Result<impl Fn(usize, usize) -> [f32; 4]> {
+    fn sky(&self, view: View, light: &LightArgs) -> Result<impl Fn(usize, usize) -> [f32; 4]> {
         let (width, height) = self.args.seen.size;
         let aspect = width as f64 / height as f64;
         let projection = match self.args.seen.projection() {
@@ -150,7 +150,7 @@ impl Still<'_> {
             perspective => perspective,
         };
         let camera = Camera::framing(&self.volume.world_bounds(), self.up, view, projection, aspect);
-        let probe_from_world = Orientation::new(self.up, rotation)?.probe_from_world();
+        let probe_from_world = light.orientation(self.up)?.probe_from_world();
         let (exposure, tone, image) = (self.exposure, self.args.tone, &self.probe.image);
         Ok(move |x: usize, y: usize| {
             let px = (x as f64 + 0.5) / width as f64 * 2.0 - 1.0;
@@ -170,8 +170,9 @@ impl Still<'_> {
         let (width, height) = self.args.seen.size;
         let aspect = width as f64 / height as f64;
         let units = (camera.ray(0.0, 1.0, aspect).0 - camera.ray(0.0, -1.0, aspect).0).length() / height as f64;
-        let (length, pixels) = round_length(units, width as f64 * 0.2);
-        let label = format!("{} {}", text::number(length, 4), unit_name(self.volume.unit));
+        let (name, in_named) = bar_unit(self.volume.unit);
+        let (length, pixels) = round_length(units * in_named, width as f64 * 0.2);
+        let label = format!("{} {name}", text::number(length, 4));
         let scale = (height / 400).max(1);
         let (left, thick) = (width / 40 + 1, (height / 240).max(1));
         let bottom = height - (height / 30).max(thick + 1);
@@ -204,15 +205,14 @@ fn round_length(units_per_pixel: f64, most: f64) -> (f64, f64) {
     (length, length / units_per_pixel)
 }
 
-fn unit_name(unit: LengthUnit) -> String {
+/// The unit that a bar is labelled in, and how many of it are a world unit: the nearest of those with a name, so that
+/// bohr (0.529 Å) are shown in Å.
+fn bar_unit(unit: LengthUnit) -> (&'static str, f64) {
     const NAMES: [(f64, &str); 6] = [(1e-10, "Å"), (1e-9, "nm"), (1e-6, "µm"), (1e-3, "mm"), (1e-2, "cm"), (1.0, "m")];
-    match unit {
-        LengthUnit::Unknown => "units".into(),
-        LengthUnit::Metres(metres) => NAMES
-            .iter()
-            .find(|(m, _)| (metres / m - 1.0).abs() < 1e-9)
-            .map_or_else(|| format!("x {metres:e} m"), |(_, name)| (*name).into()),
-    }
+    let LengthUnit::Metres(metres) = unit else { return ("units", 1.0) };
+    let away = |m: f64| (metres / m).ln().abs();
+    let nearest = NAMES.into_iter().min_by(|a, b| away(a.0).total_cmp(&away(b.0)));
+    nearest.map_or(("m", metres), |(m, name)| (name, if away(m) < 1e-9 { 1.0 } else { metres / m }))
 }
 
 /// Mean luminance of what lies under a label, transparent counted as white paper.
@@ -273,7 +273,16 @@ mod tests {
             let digit = length / 10f64.powf(length.log10().floor());
             assert!([1.0, 2.0, 5.0].iter().any(|d| (digit - d).abs() < 1e-9), "{length}");
         }
-        assert_eq!(unit_name(LengthUnit::Metres(1e-3)), "mm");
+    }
+
+    #[test]
+    fn bars_are_labelled_in_units_with_a_name() {
+        for (metres, name) in [(1e-10, "Å"), (1e-6, "µm"), (1e-3, "mm")] {
+            assert_eq!(bar_unit(LengthUnit::Metres(metres)), (name, 1.0));
+        }
+        let (name, in_named) = bar_unit(LengthUnit::Metres(5.29177210903e-11));
+        assert!(name == "Å" && (in_named - 0.529177210903).abs() < 1e-9, "{name} {in_named}");
+        assert_eq!(bar_unit(LengthUnit::Unknown), ("units", 1.0));
     }
 
     #[test]

@@ -140,7 +140,7 @@ impl Study {
         volume.check_cells()?;
         let chosen = self.isovalue.resolve(volume, opened.default_isovalue)?;
         let probe = open_probe(&self.env, false, None)?;
-        let orientation = Orientation::new(self.volume.up.unwrap_or(volume.up), 0.0)?;
+        let orientation = Orientation::new(volume.up, 0.0)?;
         let pyramid = Pyramid::new(volume);
         let settings = self.settings()?;
         self.check_memory(volume, chosen.value, &settings)?;

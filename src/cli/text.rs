@@ -61,9 +61,50 @@ pub(super) fn number(value: f64, digits: usize) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_string() } else { text }
 }
 
-/// A share as a percentage.
+/// A share as a percentage; what is above 100 % only says so.
 pub(super) fn percent(share: f64) -> String {
-    format!("{} %", number(100.0 * share, 3))
+    if share > 1.0005 { "> 100 %".into() } else { format!("{} %", number(100.0 * share, 3)) }
+}
+
+/// Columns of a line that people read.
+pub(super) const WIDTH: usize = 80;
+
+/// Words in lines of at most [`WIDTH`] columns; those after the first begin with `indent` spaces, and the first is taken to
+/// begin at column `from`. A longer word stays whole.
+pub(super) fn wrapped(text: &str, from: usize, indent: usize) -> String {
+    let mut out = String::new();
+    let mut column = from;
+    for word in text.split_whitespace() {
+        let length = word.chars().count();
+        if out.is_empty() {
+            column += length;
+        } else if column + 1 + length > WIDTH {
+            out.push('\n');
+            out.push_str(&" ".repeat(indent));
+            column = indent + length;
+        } else {
+            out.push(' ');
+            column += 1 + length;
+        }
+        out.push_str(word);
+    }
+    out
+}
+
+/// A file that was written, and what is in it.
+pub(super) fn file_line(path: &std::path::Path, what: &str) -> String {
+    wrapped(&format!("{}: {what}", path.display()), 0, 2)
+}
+
+/// Names and what there is to say of them, in two columns, the second in as many lines as it needs.
+pub(super) fn details(rows: &[(String, String)]) -> String {
+    let column = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0) + 2;
+    let row = |(name, text): &(String, String)| {
+        let gap = " ".repeat(column - name.chars().count());
+        let lines: Vec<String> = text.lines().map(|line| wrapped(line, column, column)).collect();
+        format!("{name}{gap}{}", lines.join(&format!("\n{}", " ".repeat(column)))).trim_end().to_string()
+    };
+    rows.iter().map(row).collect::<Vec<_>>().join("\n")
 }
 
 /// Rows of cells in columns, two spaces apart; the last column is not padded.

@@ -13,6 +13,7 @@
 
 use super::{ExportMesh, StandardError, bytes_of_triple, write_error, write_records};
 use crate::error::{Error, Result};
+use crate::geom::Bounds;
 use ::gltf::json::validation::{Checked, USize64};
 use ::gltf::json::{self, Index, accessor, buffer, extensions, extras::RawValue, material, mesh, scene};
 use glam::{DQuat, DVec3, Vec3};
@@ -78,20 +79,32 @@ impl Default for GltfOptions {
     }
 }
 
-/// Longest sides, in metres, that viewers show at true size. Below a millimetre, near clipping
-/// planes and AR hit tests lose the object; beyond a kilometre, far planes do.
-pub const PLAUSIBLE_METRES: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
-
-/// glTF units (metres) to a world unit: `metres_per_unit` where the longest side of the box then
-/// is a plausible object ([`PLAUSIBLE_METRES`]); else what makes the longest side 1 (a molecule
-/// in metres would be invisible); 1 for a box without extent.
+/// glTF units (metres) to a world unit: 0.001 where a world unit is a millimetre; else what makes
+/// the longest side of the box 1 (a molecule or a cell in metres would be invisible); 1 for a box
+/// without extent.
 pub fn scale(mesh: &ExportMesh<'_>) -> f64 {
+    const MILLIMETRE: f64 = 1e-3;
     let longest = mesh.box_in_world.size().max_element();
     match mesh.metres_per_unit {
-        Some(metres) if PLAUSIBLE_METRES.contains(&(longest * metres)) => metres,
+        // Units come from names, but also from products of decimal numbers.
+        Some(metres) if (metres / MILLIMETRE - 1.0).abs() < 1e-6 => MILLIMETRE,
         _ if longest > 0.0 => 1.0 / longest,
         _ => 1.0,
     }
+}
+
+/// Sides in metres, along X, Y and Z of glTF, of the box around what a mesh shows in a viewer; `given` is
+/// [`GltfOptions::scale`]. All 0 for a mesh without vertices.
+pub fn size_in_metres(mesh: &ExportMesh<'_>, given: Option<f64>) -> [f64; 3] {
+    let centre = mesh.centre_in_world();
+    let bounds = (0..mesh.positions.len())
+        .fold(Bounds::EMPTY, |bounds, v| bounds.including(mesh.positions.from_centre(v, centre).as_dvec3()));
+    if mesh.positions.len() == 0 {
+        return [0.0; 3];
+    }
+    // The rotation takes axes to axes.
+    let sides = (mesh.up.gltf_from_world() * bounds.size()).abs();
+    (sides * given.unwrap_or_else(|| scale(mesh))).to_array()
 }
 
 /// Largest vertex count with 16-bit indices: 65,535 is the primitive restart value, so 65,534 is
@@ -439,6 +452,7 @@ fn node(mesh: &ExportMesh<'_>, options: &GltfOptions, mesh_index: Option<Index<j
     }
     let extras = json!({
         "up": mesh.up.name(),
+        "front": if mesh.up.is_anatomical() { "anterior" } else { "grid" },
         "scale": scale,
         "metres_per_unit": mesh.metres_per_unit,
         "centre_in_world": centre.to_array(),

@@ -95,12 +95,16 @@ fn unsound_meshes_are_refused_by_name() {
 }
 
 #[test]
-fn scale_is_metres_where_plausible_and_else_makes_the_longest_side_one() {
+fn millimetres_keep_their_size_and_else_the_longest_side_becomes_one_metre() {
     let t = Tetrahedron::at(DVec3::ZERO); // longest side 2
     let with = |metres_per_unit| gltf::scale(&ExportMesh { metres_per_unit, ..t.mesh() });
     assert_eq!(with(Some(0.001)), 0.001);
-    assert_eq!(with(Some(1e-10)), 0.5);
-    assert_eq!(with(Some(1e6)), 0.5);
+    // Another way to write it, as products of header fields give it.
+    assert_eq!(with(Some(0.1 * 0.01)), 0.001);
+    // Ångström, bohr, µm, cm and m.
+    for metres in [1e-10, 5.29177210903e-11, 1e-6, 1e-2, 1.0] {
+        assert_eq!(with(Some(metres)), 0.5);
+    }
     assert_eq!(with(None), 0.5);
     let point = Bounds { min: DVec3::ONE, max: DVec3::ONE };
     assert_eq!(gltf::scale(&ExportMesh { box_in_world: point, ..t.mesh() }), 1.0);
@@ -109,6 +113,19 @@ fn scale_is_metres_where_plausible_and_else_makes_the_longest_side_one() {
         let message = gltf::write(&mut Vec::new(), &t.mesh(), &options).unwrap_err().to_string();
         assert!(message.starts_with("scale: given"), "{message}");
     }
+}
+
+#[test]
+fn the_size_is_that_of_what_a_viewer_shows() {
+    // Sides 2, 4 and 6 along world x, y and z.
+    let mut t = Tetrahedron::at(DVec3::ZERO);
+    t.positions.iter_mut().for_each(|p| *p *= DVec3::new(1.0, 2.0, 3.0));
+    let sides = |up, scale| gltf::size_in_metres(&ExportMesh { up, ..t.mesh() }, scale);
+    assert_eq!(sides(Up::Y, Some(1.0)), [2.0, 4.0, 6.0]);
+    // World z is glTF y; of a patient, too.
+    assert_eq!(sides(Up::Z, Some(1.0)), [2.0, 6.0, 4.0]);
+    assert_eq!(sides(Up::Anatomical, Some(0.5)), [1.0, 3.0, 2.0]);
+    assert_eq!(sides(Up::Y, None), [2.0 / 6.0, 4.0 / 6.0, 1.0]);
 }
 
 /// Takes `left` bytes, then fails.

@@ -9,6 +9,7 @@ fn up_rotations_are_proper_and_take_the_axis_to_y() {
         (Up::NegX, -DVec3::X),
         (Up::NegY, -DVec3::Y),
         (Up::NegZ, -DVec3::Z),
+        (Up::Anatomical, DVec3::Z),
     ];
     for (up, axis) in all {
         let r = up.gltf_from_world();
@@ -17,6 +18,9 @@ fn up_rotations_are_proper_and_take_the_axis_to_y() {
         assert_eq!(up.axis(), axis);
     }
     assert_eq!(Up::Z.gltf_from_world() * DVec3::new(1., 2., 3.), DVec3::new(1., 3., -2.));
+    // Of a patient (RAS+): left is glTF +X, superior +Y, anterior +Z.
+    let [left, superior, anterior] = [-DVec3::X, DVec3::Z, DVec3::Y].map(|v| Up::Anatomical.gltf_from_world() * v);
+    assert_eq!([left, superior, anterior], [DVec3::X, DVec3::Y, DVec3::Z]);
 }
 
 #[test]

@@ -1,21 +1,26 @@
 //! The lat-long image and its geometry, stated once.
 //!
 //! # Geometry (the one statement; everything else goes through these functions)
-//! The layout is OpenEXR's latlong environment ("Technical Introduction to OpenEXR",
-//! environment maps). The probe frame is right-handed with y up. With longitude λ and latitude β,
+//! An image lights a surface from the same side as in Blender and three.js. The probe frame is
+//! that of glTF: right-handed with y up. With longitude λ and latitude β,
 //!
-//! direction = (sin λ cos β, sin β, cos λ cos β),
+//! direction = (cos λ cos β, sin β, −sin λ cos β),
 //!
-//! longitude falls from +π at the left edge over 0 at the centre (= +z) to −π at the right edge,
-//! so +x (λ = π/2) lies a quarter of the width from the left; latitude falls from +π/2 at the
-//! top to −π/2 at the bottom. Seen from the inside the picture is not mirrored.
+//! longitude falls from +π at the left edge over 0 at the centre (= +x) to −π at the right edge,
+//! so +z (λ = −π/2) lies three quarters of the width from the left; latitude falls from +π/2 at
+//! the top to −π/2 at the bottom. In coordinates of the image, u = atan2(z, x)/2π + ½ (`equirectUv`
+//! of three.js; Blender's equirectangular projection has its centre at +X, too). Seen from the
+//! inside the picture is not mirrored.
 //!
-//! *Where we differ from OpenEXR:* its library puts the centres of the first and last pixels
-//! exactly at longitude ±π and latitude ±π/2. Here pixel i covers [i, i+1] of the width and its
-//! centre is at (i+½)/W, as every renderer writes such images; the difference is half a pixel.
+//! *Where OpenEXR differs:* its latlong environment ("Technical Introduction to OpenEXR",
+//! environment maps) has +z at the centre and +x a quarter of the width from the left, a quarter
+//! turn away: [`EnvFrame::OpenExr`](super::EnvFrame::OpenExr) reads images so. Its library also
+//! puts the centres of the first and last pixels exactly at longitude ±π and latitude ±π/2. Here
+//! pixel i covers [i, i+1] of the width and its centre is at (i+½)/W, as every renderer writes
+//! such images; the difference is half a pixel.
 //!
 //! A longitude is also an azimuth: 0 at the centre of the image, growing counter-clockwise seen
-//! from above (from +z towards +x).
+//! from above (from +x towards −z).
 
 use crate::error::{Error, Result};
 use crate::sh::project::ring_solid_angle;
@@ -32,8 +37,12 @@ pub fn luminance(pixel: [f32; 3]) -> f64 {
 
 /// The direction in the probe frame at longitude and latitude, both in radians.
 pub fn direction_from_angles(longitude: f64, latitude: f64) -> DVec3 {
-    let across = libm::cos(latitude);
-    DVec3::new(libm::sin(longitude) * across, libm::sin(latitude), libm::cos(longitude) * across)
+    direction_at(longitude, libm::cos(latitude), libm::sin(latitude))
+}
+
+/// The same at a longitude, a distance from the axis and a height: cos β and sin β of a unit vector.
+pub(super) fn direction_at(longitude: f64, across: f64, height: f64) -> DVec3 {
+    DVec3::new(libm::cos(longitude) * across, height, -libm::sin(longitude) * across)
 }
 
 /// (longitude, latitude) of a direction of any length, in radians; longitude in [−π, π], 0 on
@@ -41,7 +50,7 @@ pub fn direction_from_angles(longitude: f64, latitude: f64) -> DVec3 {
 pub fn angles_from_direction(direction_in_probe: DVec3) -> (f64, f64) {
     let d = direction_in_probe;
     let across = (d.x * d.x + d.z * d.z).sqrt();
-    (libm::atan2(d.x, d.z), libm::atan2(d.y, across))
+    (libm::atan2(-d.z, d.x), libm::atan2(d.y, across))
 }
 
 /// Linear RGB radiance of a distant environment, one value per pixel of a lat-long image.

@@ -30,7 +30,7 @@ pub mod sun;
 pub use diagnose::diagnose;
 pub use embedded::{EMBEDDED, embedded};
 pub use latlong::LatLong;
-pub use orientation::Orientation;
+pub use orientation::{EnvFrame, Orientation};
 pub use project::{into_world, project};
 pub use read::{BadPixels, Layout, Note, ReadOptions};
 pub use report::{Report, report};

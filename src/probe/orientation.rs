@@ -4,18 +4,49 @@ use crate::error::{Error, Result};
 use crate::geom::Up;
 use glam::DMat3;
 
-/// Which world axis is the environment's up, and how far it is turned about it.
+/// Where the centre of a lat-long image lies in the frame of glTF.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum EnvFrame {
+    /// At +X, as in Blender and three.js: the probe frame is the glTF frame.
+    #[default]
+    Gltf,
+    /// At +Z, as OpenEXR defines its latlong environments: a quarter turn clockwise seen from above.
+    OpenExr,
+}
+
+impl EnvFrame {
+    /// The name used on the command line and in records.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Gltf => "gltf",
+            Self::OpenExr => "openexr",
+        }
+    }
+
+    /// How far light is turned about up, counter-clockwise in degrees, from the probe frame to glTF.
+    fn degrees(self) -> f64 {
+        match self {
+            Self::Gltf => 0.0,
+            Self::OpenExr => -90.0,
+        }
+    }
+}
+
+/// How world stands in the glTF frame, and how far the environment is turned about up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Orientation {
     up: Up,
     rotate_degrees: f64, // Invariant: finite.
+    frame: EnvFrame,
 }
 
 impl Orientation {
     /// The environment's up along the world axis `up`, the light then turned by `rotate_degrees`
     /// counter-clockwise about it, seen from above: a lamp that shines from azimuth a then shines
-    /// from a + `rotate_degrees`. With [`Up::Z`] and 0 the probe direction of world (x, y, z) is
-    /// (x, z, −y): world +z is the probe's up and world −y the centre of the image.
+    /// from a + `rotate_degrees`. With 0 the probe direction of world (x, y, z) is (x, z, −y) for
+    /// [`Up::Z`]: world +z is the probe's up and world +x the centre of the image; for
+    /// [`Up::Anatomical`] it is (−x, z, y): the patient's left is the centre, anterior three
+    /// quarters from the left.
     ///
     /// # Errors
     /// When the angle is not finite.
@@ -28,7 +59,18 @@ impl Orientation {
                 "give for example --env-rotate 90",
             ));
         }
-        Ok(Self { up, rotate_degrees })
+        Ok(Self { up, rotate_degrees, frame: EnvFrame::Gltf })
+    }
+
+    /// The same for images whose centre lies where `frame` says.
+    #[must_use]
+    pub fn in_frame(self, frame: EnvFrame) -> Self {
+        Self { frame, ..self }
+    }
+
+    /// Where the centre of the image lies.
+    pub fn frame(self) -> EnvFrame {
+        self.frame
     }
 
     /// The world axis that points up.
@@ -50,6 +92,7 @@ impl Orientation {
         // Reduced to a quarter turn first, so that 90° gives exact zeros and 3600° costs nothing.
         let quarters = (self.rotate_degrees / 90.0).round();
         let rest = (self.rotate_degrees - 90.0 * quarters).to_radians();
+        let quarters = quarters.rem_euclid(4.0) + self.frame.degrees() / 90.0;
         let (s, c) = (libm::sin(rest), libm::cos(rest));
         let (sin, cos) = match quarters.rem_euclid(4.0) as u8 {
             0 => (s, c),

@@ -11,7 +11,7 @@
 //! cos(mλ_centre) · 2 sin(mΔ/2)/m; that of Θ_lm(β) cos β over a row is a trigonometric polynomial
 //! of degree at most l+1 ≤ 11, which Gauss-Legendre quadrature of the order used here integrates
 //! to rounding. The axis of the image is y and that of [`crate::sh`] is z: the result is rotated
-//! by the cyclic permutation of the axes.
+//! by a quarter turn about x.
 
 use super::latlong::LatLong;
 use super::orientation::Orientation;
@@ -47,9 +47,9 @@ fn rotation(bands: usize, matrix: DMat3) -> Rotation {
     }
 }
 
-/// (x, y, z) → (z, x, y): the pole y becomes z, longitude from +z towards +x becomes the
+/// (x, y, z) → (x, −z, y): the pole y becomes z, longitude from +x towards −z becomes the
 /// azimuth from x towards y.
-const ABOUT_Y_FROM_PROBE: DMat3 = DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X);
+const ABOUT_Y_FROM_PROBE: DMat3 = DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y);
 
 /// Sums in eight lanes that are added in a fixed order: fast without any freedom of rounding.
 fn dot(a: &[f64], b: &[f64]) -> f64 {

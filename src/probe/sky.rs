@@ -9,7 +9,7 @@
 //! | `sun:AZ,EL[,DEG]` | the sun alone: a uniform disk DEG degrees across (0.53) |
 //!
 //! *Azimuth* is counted in degrees counter-clockwise seen from above, from the centre of the
-//! lat-long image (probe +z, which is world −y for up = z): a longitude of [`super::latlong`].
+//! lat-long image (probe +x, which is world +x for up = z, so that 90° is world +y): a longitude of [`super::latlong`].
 //! *Elevation* is counted in degrees up from the horizon.
 //!
 //! *Scale.* Radiance is in units in which a white diffuse surface that gets all of the light

@@ -1,10 +1,10 @@
 //! A probe as a source of light directions: importance sampling in proportion to luminance.
 
-use super::latlong::{LUMINANCE, LatLong};
+use super::latlong::{LUMINANCE, LatLong, direction_at};
 use super::orientation::Orientation;
 use crate::geom::Direction;
 use crate::sampling::{DirectionSample, DirectionalSource};
-use glam::{DMat3, DVec3};
+use glam::DMat3;
 use std::f64::consts::PI;
 
 /// A probe in world orientation, for estimators that sample the light.
@@ -128,8 +128,7 @@ impl DirectionalSource for EnvironmentSource<'_> {
         let height = self.sines[y] + (self.sines[y + 1] - self.sines[y]) * down;
         let across_axis = (1.0 - height * height).max(0.0).sqrt();
         let longitude = PI * (1.0 - 2.0 * (x as f64 + across) / width as f64);
-        let in_probe = DVec3::new(libm::sin(longitude) * across_axis, height, libm::cos(longitude) * across_axis);
-        let in_world = self.world_from_probe * in_probe;
+        let in_world = self.world_from_probe * direction_at(longitude, across_axis, height);
         Some(DirectionSample {
             direction: Direction::new(in_world.as_vec3())?,
             radiance: self.image.row(y)[x],

@@ -134,7 +134,7 @@ fn any_number_of_threads_gives_the_same_bits() {
 #[test]
 fn coefficients_turn_into_world_with_the_light() {
     let probe = by_name("sun:30,20,40").unwrap().unwrap();
-    for up in [Up::X, Up::Y, Up::Z, Up::NegX, Up::NegY, Up::NegZ] {
+    for up in [Up::X, Up::Y, Up::Z, Up::NegX, Up::NegY, Up::NegZ, Up::Anatomical] {
         let orientation = Orientation::new(up, 25.0).unwrap();
         let in_probe = probe.coefficients(5);
         let in_world = probe.coefficients_in_world(5, orientation);
@@ -153,12 +153,12 @@ fn coefficients_turn_into_world_with_the_light() {
             }
         }
     }
-    // Azimuth 30 + 25 about world z, counted from world −y counter-clockwise: towards +x.
+    // Azimuth 30 + 25 about world z, counted from world +x counter-clockwise: towards +y.
     let world = probe.coefficients_in_world(2, Orientation::new(Up::Z, 25.0).unwrap());
     let v = world[0].values();
     let mean_direction = DVec3::new(v[3], v[1], v[2]).normalize();
     let (a, e) = (55f64.to_radians(), 20f64.to_radians());
-    assert!((mean_direction - DVec3::new(a.sin() * e.cos(), -a.cos() * e.cos(), e.sin())).length() < 1e-12);
+    assert!((mean_direction - DVec3::new(a.cos() * e.cos(), a.sin() * e.cos(), e.sin())).length() < 1e-12);
 }
 
 #[test]

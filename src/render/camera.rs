@@ -1,7 +1,8 @@
 //! Cameras around the box of a volume, from named views.
 //!
 //! A view is seen in the glTF frame (y up, see [`crate::geom::Up`]): *front* looks along −z of that
-//! frame with +x to the right, *right* has the camera on +x, *top* on +y.
+//! frame with +x to the right, *right* has the camera on +x, *top* on +y. In a patient's frame the
+//! front is anterior, and *left* and *right* are the patient's: *left* has the camera on +x.
 
 use crate::geom::{Bounds, Up};
 use glam::{DMat3, DVec3};
@@ -25,13 +26,15 @@ pub struct View {
 }
 
 impl View {
-    /// The named views: front, back, left, right, top, bottom, and iso (a raised three-quarter view).
-    pub fn named(name: &str) -> Option<Self> {
+    /// The named views of a volume that stands as `up` says: front, back, left, right, top, bottom, and iso (a raised
+    /// three-quarter view; in a patient's frame from the front left).
+    pub fn named(name: &str, up: Up) -> Option<Self> {
+        let right = if up.is_anatomical() { -90.0 } else { 90.0 };
         let (azimuth, elevation) = match name {
             "front" => (0.0, 0.0),
             "back" => (180.0, 0.0),
-            "right" => (90.0, 0.0),
-            "left" => (-90.0, 0.0),
+            "right" => (right, 0.0),
+            "left" => (-right, 0.0),
             "top" => (0.0, 90.0),
             "bottom" => (0.0, -90.0),
             "iso" => (35.0, 25.0),
@@ -117,6 +120,46 @@ impl Camera {
             (eye, target - eye)
         } else {
             (target + self.reach * self.backward, -self.backward)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where the eye stands, from the middle of a cube.
+    fn eye(name: &str, up: Up) -> DVec3 {
+        let bounds = Bounds { min: DVec3::splat(-1.0), max: DVec3::splat(1.0) };
+        let view = View::named(name, up).unwrap();
+        let (origin, direction) = Camera::framing(&bounds, up, view, Projection::Orthographic, 1.0).ray(0.0, 0.0, 1.0);
+        assert!((origin.normalize() + direction.normalize()).length() < 1e-12, "{name} looks at the middle");
+        origin.normalize()
+    }
+
+    #[test]
+    fn named_views_are_the_sides_of_a_patient_in_an_anatomical_frame() {
+        // RAS+: right is +x, anterior +y, superior +z.
+        let sides = [
+            ("front", DVec3::Y),
+            ("back", DVec3::NEG_Y),
+            ("left", DVec3::NEG_X),
+            ("right", DVec3::X),
+            ("top", DVec3::Z),
+            ("bottom", DVec3::NEG_Z),
+        ];
+        for (name, side) in sides {
+            assert!((eye(name, Up::Anatomical) - side).length() < 1e-12, "{name}");
+        }
+        let iso = eye("iso", Up::Anatomical);
+        assert!(iso.x < -0.3 && iso.y > 0.3 && iso.z > 0.3, "from the front left, above: {iso}");
+    }
+
+    #[test]
+    fn named_views_are_the_sides_of_the_grid_elsewhere() {
+        let sides = [("front", DVec3::NEG_Y), ("back", DVec3::Y), ("left", DVec3::NEG_X), ("right", DVec3::X)];
+        for (name, side) in sides {
+            assert!((eye(name, Up::Z) - side).length() < 1e-12, "{name}");
         }
     }
 }

@@ -5,6 +5,7 @@ use super::super::{Failure, Outcome, text};
 use super::Job;
 use crate::error::Result;
 use crate::level::Pyramid;
+use crate::probe::EnvFrame;
 use crate::sh::Coefficients;
 use crate::transfer::Selection;
 use crate::transfer::store::{Baked, ErrorTarget, Store};
@@ -16,6 +17,7 @@ use std::time::{Duration, Instant};
 #[derive(Clone, Debug)]
 pub(in super::super) struct ForLight {
     pub(super) name: String,
+    pub(super) frame: EnvFrame,
     /// Red, green and blue in world axes.
     pub(super) light: [Coefficients; 3],
     pub(super) albedo: f32,
@@ -33,8 +35,17 @@ pub(in super::super) struct Goal {
 }
 
 impl ForLight {
-    pub(in super::super) fn new(name: String, light: [Coefficients; 3], albedo: f32) -> Self {
-        Self { name, light, albedo }
+    pub(in super::super) fn new(name: String, frame: EnvFrame, light: [Coefficients; 3], albedo: f32) -> Self {
+        Self { name, frame, light, albedo }
+    }
+
+    /// The environment as it stands in stores. That of the OpenEXR frame has the bare name, as in stores from before
+    /// there was another.
+    fn label(&self) -> String {
+        match self.frame {
+            EnvFrame::OpenExr => self.name.clone(),
+            EnvFrame::Gltf => format!("{} in the frame of glTF", self.name),
+        }
     }
 }
 
@@ -96,7 +107,7 @@ impl<'a> Kind<'a> {
             hash.update(&weight.to_le_bytes());
         }
         let digits = &hash.finalize().to_hex()[..16];
-        let of = format!("radiance over its mean under {}, albedo {} ({digits})", light.name, light.albedo);
+        let of = format!("radiance over its mean under {}, albedo {} ({digits})", light.label(), light.albedo);
         Ok(Self { job, of, weights: Some(weights) })
     }
 

@@ -40,6 +40,22 @@ impl Photons {
 }
 
 impl Report {
+    /// The report in a line.
+    pub(in super::super) fn summary_line(&self, store_bytes: u64) -> String {
+        let s = &self.summary;
+        if self.chunks_baked == 0 {
+            return format!("nothing to bake, all {} chunks are there", self.chunks_kept);
+        }
+        format!(
+            "{} texels, {}rays in {}, {}; noise {} RMS (1 = open to all light)",
+            text::count(s.texels),
+            text::metric(s.counts.rays as f64),
+            text::duration(self.trace),
+            text::bytes(store_bytes as f64),
+            text::number(s.escape_stderr_rms(), 2)
+        )
+    }
+
     /// The report as lines for people.
     pub(in super::super) fn lines(&self, store_bytes: u64) -> String {
         let s = &self.summary;
@@ -88,7 +104,7 @@ impl Report {
             ),
             ("mean a_k", format!("{}  (chance to escape after exactly k bounces)", escapes.join("  "))),
             (
-                "error",
+                "noise",
                 format!(
                     "standard error of {}: 50 % of texels ≤ {:.4}, 95 % ≤ {:.4}, all ≤ {:.4}; RMS of Σ a_k {:.4}",
                     self.error_of,
@@ -117,14 +133,16 @@ impl Report {
                 ),
             ),
         ];
-        let mut rows: Vec<_> = rows.into_iter().map(|(name, value)| vec![name.to_string(), value]).collect();
+        let mut rows: Vec<_> = rows.into_iter().map(|(name, value)| (name.to_string(), value)).collect();
         if let Some(bias) = &self.bias {
-            rows.insert(7, vec!["bias".into(), bias_line(bias)]);
+            rows.insert(7, ("bias".into(), bias_line(bias)));
         }
         if let Some(photons) = &self.photons {
-            rows.insert(1, vec!["photons".into(), photons.in_words()]);
+            rows.insert(1, ("photons".into(), photons.in_words()));
         }
-        text::table(&rows)
+        // Among walls the chances are not those of the volume alone.
+        rows.retain(|(name, _)| self.scene.is_none() || name != "mean a_k");
+        text::details(&rows)
     }
 
     /// The albedo that the bound is stated for.

@@ -105,7 +105,7 @@ impl PictureOutput {
         let (q, mean) = (shown.question, shown.mean);
         let (width, height) = self.seen.size;
         picture::check_size((3 * width, height), None)?;
-        let (view, projection) = (self.seen.view, self.seen.projection());
+        let (view, projection) = (self.seen.view.view(q.volume.up), self.seen.projection());
         let camera = shown.surface.camera(q.volume, q.volume.up, view, projection, width as f64 / height as f64);
         let seen = seen_points(q.volume, q.pyramid, q.isovalue, &camera, width, height);
         let found = shown.differences(&seen.iter().flatten().map(point_of).collect::<Vec<_>>())?;

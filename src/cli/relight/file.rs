@@ -13,7 +13,7 @@ use crate::export::gltf::{ColourFormat, GltfOptions};
 use crate::export::{Image, Positions, atomic, gltf, ply, png};
 use crate::geom::Up;
 use crate::level::{Counts, Pyramid};
-use crate::probe::Probe;
+use crate::probe::{EnvFrame, Probe};
 use crate::relight::{Contracted, Exposure, LookupReport, Material, SurfaceError};
 use crate::render::sun_visibility;
 use crate::scene::geometry::Geometry;
@@ -61,6 +61,8 @@ pub(in crate::cli) struct Written {
     pub(super) remainder: f32,
     pub(super) camera: Counts,
     pub(super) bytes: u64,
+    /// What is in the file: vertices and size, or pixels and view.
+    pub(super) what: String,
 }
 
 /// Root mean square of the standard errors of the vertices over their mean radiance (mean of the channels); 0
@@ -163,6 +165,7 @@ impl Context<'_> {
             sun_rays,
             notes,
             bytes: 0,
+            what: String::new(),
         };
         let record = self.record(probe, &material, &written);
         let lit_radiance = lit.radiance;
@@ -204,6 +207,7 @@ impl Context<'_> {
             mesh.box_in_world = merged.bounds;
         }
         let path = &written.target.path;
+        written.what = format!("{} vertices", text::count(mesh.positions.len() as u64));
         if written.target.format == Format::Ply {
             let options = ply::PlyOptions { provenance: record, ..Default::default() };
             atomic::write(path, |w| ply::write(w, &mesh, &options))?;
@@ -218,6 +222,8 @@ impl Context<'_> {
                     relightable::extras(layers, probe, &lighting.light, material, self.up, rotation, written.exposure)?;
             }
             atomic::write(path, |w| gltf::write(w, &mesh, &options))?;
+            let [x, y, z] = gltf::size_in_metres(&mesh, args.scale).map(|side| text::number(side, 3));
+            written.what += &format!(", {x} × {y} × {z} m");
         }
         written.times.write = start.elapsed();
         Ok(())
@@ -259,6 +265,9 @@ impl Context<'_> {
             software: Some(concat!("isolume ", env!("CARGO_PKG_VERSION")).into()),
             description: Some(record.to_string()),
         };
+        let (width, height) = args.seen.size;
+        let frames = if args.frames() > 1 { format!("{} frames of ", args.frames()) } else { String::new() };
+        written.what = format!("{frames}{width} × {height}, {}", args.seen.view.describe(self.up));
         for index in 0..args.frames() {
             let start = Instant::now();
             let frame = still.frame(index, contracted, lighting)?;
@@ -305,7 +314,7 @@ impl Context<'_> {
             "isovalue": written.isovalue,
             "solid": self.store.identity().solid,
             "environment": probe.name,
-            "env_rotate_degrees": c.light.env_rotate,
+            "env_rotate_degrees": c.light.env_rotate, "env_frame": EnvFrame::from(c.light.env_frame).name(),
             "bands": c.light.bands.map_or(self.store.layout().layers.max_bands(), usize::from),
             "window": c.light.window_name(),
             "albedo": material.albedo,

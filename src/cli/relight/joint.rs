@@ -265,7 +265,7 @@ pub(super) fn bake(
         rays += filled.report.summary.counts.rays;
         cache.tell(&filled.report, Some(&volume.name), path, console);
         if filled.report.chunks_baked > 0 {
-            console.print(filled.report.lines(baking::size_on_disk(path)));
+            console.detail(filled.report.lines(baking::size_on_disk(path)));
         }
         in_use = Some(filled.in_use);
         if member == 0 {

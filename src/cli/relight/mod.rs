@@ -101,7 +101,8 @@ struct MeshArgs {
     /// Carry the transfer of each vertex in .glb files, so that they can be lit anew elsewhere
     #[arg(long)]
     transfer: bool,
-    /// glTF units (metres) to a world unit [default: as the file says, or the longest side becomes 1]
+    /// glTF units (metres) to a world unit [default: 0.001 where the file's unit is mm; else the longest side of the
+    /// volume becomes 1 m. The size in metres is printed]
     #[arg(long, value_name = "S")]
     scale: Option<f64>,
 }

@@ -5,8 +5,8 @@ use super::file::Written;
 use crate::cli::console::Console;
 use crate::cli::output::Format;
 use crate::cli::text;
-use crate::relight::LookupReport;
 use serde_json::{Value, json};
+use std::time::Duration;
 
 /// A relative error; black vertices have none.
 fn relative(error: f64) -> String {
@@ -18,73 +18,85 @@ pub(super) fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
-pub(super) fn report(console: &Console, relit: &Relit) {
-    let Relit { surfaces, files: written, read_time, transport_rays, drafts } = relit;
-    let camera_rays: u64 = written.iter().map(|w| w.camera.rays).sum();
-    let mut rows = vec![
-        [
-            "file",
-            "isovalue",
-            "environment",
-            "contract",
-            "look up",
-            "render",
-            "write",
-            "EV",
-            "error",
-            "median",
-            "95 %",
-            "size",
-        ]
-        .map(String::from)
-        .to_vec(),
-    ];
+/// The files and a line of summary, for people.
+fn print(console: &Console, relit: &Relit) {
+    let Relit { surfaces, files: written, read_time, transport_rays, .. } = relit;
     for w in written {
-        rows.push(vec![
-            w.target.path.display().to_string(),
-            text::number(w.isovalue, 6),
-            w.env.clone(),
-            text::duration(w.times.contract),
-            text::duration(w.times.look_up),
-            if w.target.format == Format::Png { text::duration(w.times.render) } else { "-".into() },
-            text::duration(w.times.write),
-            format!("{:+.2}", w.exposure.log2()),
-            text::percent(w.rms_over_mean),
-            relative(w.error.median),
-            relative(w.error.percentile_95),
-            text::bytes(w.bytes as f64),
-        ]);
+        let what = format!("{}, {}", w.what, text::bytes(w.bytes as f64));
+        console.summary(text::file_line(&w.target.path, &what));
     }
+    let noise = written.iter().map(|w| w.rms_over_mean).fold(0.0, f64::max);
+    let time: Duration = written.iter().map(|w| w.times.total()).sum();
+    console.summary(match written.as_slice() {
+        [w] => format!(
+            "isovalue {}, {}: noise {} of the mean radiance, exposure {:+.2} EV; {}",
+            text::number(w.isovalue, 6),
+            w.env,
+            text::percent(noise),
+            w.exposure.log2(),
+            text::duration(time)
+        ),
+        all => format!(
+            "{} files in {}: noise at most {} of the mean radiance",
+            all.len(),
+            text::duration(time),
+            text::percent(noise)
+        ),
+    });
     for s in surfaces {
-        console.print(format!(
-            "isovalue {}: {} vertices, {} triangles, {} bricks; extract {}, select {}",
-            text::number(s.isovalue, 6),
+        console.detail(format!("\nisovalue {}", text::number(s.isovalue, 6)));
+        let found = format!(
+            "{} vertices, {} triangles, {} bricks of texels",
             text::count(s.mesh.positions_in_grid.len() as u64),
             text::count(s.mesh.triangles.len() as u64),
             text::count(s.bricks.len() as u64),
-            text::duration(s.extract_time),
-            text::duration(s.select_time),
-        ));
+        );
+        let times = format!("extract {}, select {}", text::duration(s.extract_time), text::duration(s.select_time));
+        console.detail(text::details(&[("surface".into(), found), ("time".into(), times)]));
     }
-    console.print(text::table(&rows));
-    let mut total = LookupReport::default();
-    written.iter().for_each(|w| total += w.report);
-    console.print(format!(
-        "lookups {}: {} renormalised, {} from the neighbourhood, {} unoccluded, {} unbaked",
-        text::count(total.lookups),
-        text::count(total.renormalised),
-        text::count(total.neighbourhood),
-        text::count(total.unoccluded),
-        text::count(total.unbaked),
-    ));
-    console.print(format!(
-        "error: standard error of the radiance, RMS over the vertices, over its mean; median and 95 %: of the vertices' own\n\
-         relative errors\nread {}; transport rays {}, camera rays {}, sun rays {}",
+    for w in written {
+        console.detail(format!("\n{}\n{}", w.target.path.display(), details(w)));
+    }
+    let camera_rays: u64 = written.iter().map(|w| w.camera.rays).sum();
+    console.detail(format!(
+        "\nread {}; transport rays {}, camera rays {}, sun rays {}",
         text::duration(*read_time),
         text::count(*transport_rays),
         text::count(camera_rays),
         text::count(written.iter().map(|w| w.sun_rays).sum())
     ));
+}
+
+/// One file in detail.
+fn details(w: &Written) -> String {
+    let mut times = vec![("contract", w.times.contract), ("look up", w.times.look_up)];
+    times.extend((w.target.format == Format::Png).then_some(("render", w.times.render)));
+    times.push(("write", w.times.write));
+    let times: Vec<String> = times.into_iter().map(|(name, time)| format!("{name} {}", text::duration(time))).collect();
+    let noise = format!(
+        "standard error of the radiance: RMS over the vertices {} of its mean; of the vertices' own, median {}, 95 % at \
+         most {}",
+        text::percent(w.rms_over_mean),
+        relative(w.error.median),
+        relative(w.error.percentile_95),
+    );
+    let lookups = format!(
+        "{}: {} renormalised, {} from the neighbourhood, {} unoccluded, {} unbaked",
+        text::count(w.report.lookups),
+        text::count(w.report.renormalised),
+        text::count(w.report.neighbourhood),
+        text::count(w.report.unoccluded),
+        text::count(w.report.unbaked),
+    );
+    let light = format!("{}, isovalue {}, exposure {:+.2} EV", w.env, text::number(w.isovalue, 6), w.exposure.log2());
+    let rows = [("light", light), ("noise", noise), ("lookups", lookups), ("time", times.join(", "))];
+    text::details(&rows.map(|(name, text)| (name.to_string(), text)))
+}
+
+pub(super) fn report(console: &Console, relit: &Relit) {
+    let Relit { surfaces, files: written, read_time, transport_rays, drafts } = relit;
+    let camera_rays: u64 = written.iter().map(|w| w.camera.rays).sum();
+    print(console, relit);
     for w in written {
         for note in &w.notes {
             console.note(note);

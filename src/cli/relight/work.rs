@@ -87,7 +87,7 @@ impl<'a> Work<'a> {
         let pyramid = Pyramid::new(volume);
         let rule = command.albedo_rule(volume.value_range())?;
         let (emission, effects) = (command.emission_rule(), command.transfer.effects());
-        let up = command.volume.up.unwrap_or(volume.up);
+        let up = command.volume.up_of(volume.up)?;
         let read_time = start.elapsed();
         Ok(Self {
             command,
@@ -215,7 +215,7 @@ impl<'a> Work<'a> {
             cache.tell(&report, None, &path, self.console);
         }
         if report.chunks_baked > 0 && !is_draft {
-            self.console.print(report.lines(baking::size_on_disk(&path)));
+            self.console.detail(report.lines(baking::size_on_disk(&path)));
         }
         Ok((Source { store, transport_rays: report.summary.counts.rays }, in_use))
     }

@@ -118,7 +118,7 @@ impl PlacementsArgs {
         let isovalue = self.isovalue.resolve(volume, opened.default_isovalue)?.value;
         let probe = self.probe(file.as_ref())?;
         let turned = file.as_ref().and_then(|f| f.scene.probe.as_ref()?.rotation).unwrap_or(0.0);
-        let orientation = Orientation::new(self.volume.up.unwrap_or(volume.up), turned)?;
+        let orientation = Orientation::new(volume.up, turned)?;
         let source = probe.as_ref().map(|p| p.source(orientation));
         let nothing = Geometry::new(Vec::new(), Vec::new(), 1.0)?;
         let pyramid = Pyramid::new(volume);

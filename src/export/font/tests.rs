@@ -12,6 +12,13 @@ fn every_printable_ascii_letter_is_there_once_and_differs() {
 }
 
 #[test]
+fn units_of_length_and_angle_have_letters() {
+    for letter in "Å µ μ ° nm mm cm m units".chars() {
+        assert!(GLYPHS.iter().any(|g| g.0 == letter), "{letter:?}");
+    }
+}
+
+#[test]
 fn pictures_are_well_formed() {
     for (letter, picture) in GLYPHS.iter().chain([&('?', UNKNOWN)]) {
         let rows: Vec<_> = picture.split(' ').collect();

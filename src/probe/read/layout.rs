@@ -1,8 +1,9 @@
 //! From angular maps and cube faces to lat-long.
 //!
 //! All layouts are read as seen from the inside, unmirrored, with the middle of the picture in
-//! the direction of the middle of the lat-long image: forward +z, up +y, right −x (see
-//! [`crate::probe::latlong`]).
+//! the direction of the middle of the lat-long image. Directions in this file are in the frame
+//! that OpenEXR gives its cubes: forward +z, up +y, right −x. The probe frame has forward +x and
+//! right +z ([`crate::probe::latlong`]): (x, y, z) here is (z, y, −x) there.
 
 use super::{Layout, Note, Raw, ReadOptions};
 use crate::error::{Error, Result};

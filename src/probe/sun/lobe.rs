@@ -1,6 +1,6 @@
 //! The search for the brightest lobe of an image, and the disk that stands for it.
 
-use super::super::latlong::{LUMINANCE, LatLong, luminance};
+use super::super::latlong::{LUMINANCE, LatLong, direction_at, luminance};
 use super::super::project::project;
 use super::{FRACTIONS, NoSun, SplitSun, Sun, SunOptions};
 use crate::sh::Coefficients;
@@ -238,5 +238,5 @@ fn pixel_moment(image: &LatLong, x: usize, y: usize) -> DVec3 {
     let across = 0.5 * difference + 0.5 * libm::sin(difference) * libm::cos(sum);
     let up = 0.5 * libm::sin(difference) * libm::sin(sum);
     let chord = 2.0 * libm::sin(half_width);
-    DVec3::new(across * chord * libm::sin(longitude), up * 2.0 * half_width, across * chord * libm::cos(longitude))
+    direction_at(longitude, across * chord, up * 2.0 * half_width)
 }

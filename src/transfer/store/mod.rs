@@ -77,6 +77,7 @@ pub use merge::MergeReport;
 pub use options::StoreOptions;
 pub use replace::Replacement;
 pub use verify::ChunkCheck;
+pub use volume::FRONT_NOT_RECORDED;
 
 use super::{Group, Layout};
 use crate::error::{Error, Result};

@@ -18,6 +18,9 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+/// The note on a volume from a store that does not say whether its frame is a patient's.
+pub const FRONT_NOT_RECORDED: &str = "the store is too old to say whether its frame is anatomical: taken as not";
+
 /// Samples along the side of a chunk of the volume.
 const SIDE: usize = 64;
 
@@ -31,6 +34,9 @@ struct Attributes {
     /// Metres in one world unit.
     unit: Option<f64>,
     up: String,
+    /// Whether anterior is the front; `None` in stores from before this was recorded.
+    #[serde(default)]
+    anatomical: Option<bool>,
     solid: String,
     name: String,
     notes: Vec<NoteText>,
@@ -78,6 +84,7 @@ pub(super) fn metadata(volume: &Volume) -> Value {
         inter: volume.inter(),
         unit,
         up: volume.up.name().into(),
+        anatomical: Some(volume.up.is_anatomical()),
         solid: solid_name(volume.solid).into(),
         name: volume.name.clone(),
         notes,
@@ -218,13 +225,14 @@ pub(super) fn read(backing: &Backing, key: &str, dims: [usize; 3]) -> Result<Vol
     };
     array(dims, data_type).check(&metadata).map_err(|e| e.in_file(&name))?;
     let attributes = super::metadata::unsealed(&metadata).map_err(|e| e.in_file(&name))?;
-    let Attributes { affine, slope, inter, unit, up, solid, name: title, notes } =
+    let Attributes { affine, slope, inter, unit, up, anatomical, solid, name: title, notes } =
         serde_json::from_value(attributes).map_err(|e| wrong(e.to_string(), "the attributes of a volume"))?;
     let column = |c: usize| DVec3::new(affine[0][c], affine[1][c], affine[2][c]);
     let affine = Affine::new(DMat3::from_cols(column(0), column(1), column(2)), column(3))
         .ok_or_else(|| wrong("an affine that is not invertible".into(), "an invertible affine"))?;
     let up = [Up::X, Up::Y, Up::Z, Up::NegX, Up::NegY, Up::NegZ].into_iter().find(|u| u.name() == up);
     let up = up.ok_or_else(|| wrong("another `up`".into(), "`up`: x, y, z, -x, -y or -z"))?;
+    let up = if up == Up::Z && anatomical == Some(true) { Up::Anatomical } else { up };
     let solid = [Solid::Above, Solid::Below].into_iter().find(|s| solid_name(*s) == solid);
     let solid = solid.ok_or_else(|| wrong("another `solid`".into(), "`solid`: above or below"))?;
     let samples = match data_type {
@@ -238,5 +246,8 @@ pub(super) fn read(backing: &Backing, key: &str, dims: [usize; 3]) -> Result<Vol
     (volume.name, volume.up, volume.solid) = (title, up, solid);
     volume.unit = unit.map_or(LengthUnit::Unknown, LengthUnit::Metres);
     volume.notes = notes.into_iter().map(|n| Note { text: n.text, count: n.count }).collect();
+    if anatomical.is_none() {
+        volume.notes.push(Note { text: FRONT_NOT_RECORDED.into(), count: 1 });
+    }
     Ok(volume)
 }

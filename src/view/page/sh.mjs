@@ -29,17 +29,17 @@ const GAUSS = [[-Math.sqrt(0.6), 5 / 9], [0, 8 / 9], [Math.sqrt(0.6), 5 / 9]];
 
 /**
  * Coefficients of a lat-long image in the upright frame (+z up), red, green and blue side by side. Longitude π is at
- * the left edge, 0 in the middle. Each pixel counts with the integral of the basis over it: exact along its row, by
+ * the left edge, 0 in the middle (+x, as in Blender and three.js). Each pixel counts with the integral of the basis over it: exact along its row, by
  * three points of Gauss across. Pixels that no light can have (negative, not finite) count as 0.
  */
 export function projectLatLong(width, height, rgb, bands) {
   const sum = new Float64Array(3 * bands * bands);
   const step = (2 * Math.PI) / width;
-  // Upright azimuth is longitude − π/2: probe (sin λ, ·, cos λ) stands at upright (sin λ, −cos λ, ·).
+  // Upright azimuth is longitude: probe (cos λ, ·, −sin λ) stands at upright (cos λ, sin λ, ·).
   const waves = [];
   for (let m = 0; m < bands; m++) {
     const share = m === 0 ? step : (2 * Math.sin((m * step) / 2)) / m;
-    const wave = (f) => Float64Array.from({ length: width }, (_, i) => share * f(m * (Math.PI / 2 - step * (i + 0.5))));
+    const wave = (f) => Float64Array.from({ length: width }, (_, i) => share * f(m * (Math.PI - step * (i + 0.5))));
     waves.push([wave(Math.cos), wave(Math.sin)]);
   }
   const basis = new Float64Array(bands * bands), profile = new Float64Array(bands * bands);

@@ -12,7 +12,7 @@ use super::super::source::Source;
 use super::super::{LengthUnit, Note, Volume};
 use super::{affine, needs_second_file};
 use crate::error::{Error, Result};
-use crate::geom::Affine;
+use crate::geom::{Affine, Up};
 use ::nifti::{Endianness, NiftiHeader};
 use glam::{DMat3, DVec3};
 use std::path::Path;
@@ -92,7 +92,7 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
         (slope, inter) if slope.is_finite() && slope != 0.0 => (slope, if inter.is_finite() { inter } else { 0.0 }),
         _ => (1.0, 0.0),
     };
-    let world_from_grid = world(&header, &mut notes)?;
+    let (world_from_grid, anatomical) = world(&header, &mut notes)?;
     let unit = match header.xyzt_units & 7 {
         1 => LengthUnit::Metres(1.0),
         2 => LengthUnit::Metres(1e-3),
@@ -100,7 +100,11 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
         _ => LengthUnit::Unknown,
     };
     let dims = dims.map(|d| d as usize);
-    assemble(Parts { format: NAME, dims, data, slope, inter, world_from_grid, unit, notes }, hint)
+    let mut volume = assemble(Parts { format: NAME, dims, data, slope, inter, world_from_grid, unit, notes }, hint)?;
+    if anatomical {
+        volume.up = Up::Anatomical;
+    }
+    Ok(volume)
 }
 
 /// The three spatial dimensions; further ones must be 1 or get a note.
@@ -157,14 +161,15 @@ fn sample_type(code: i16) -> Result<Type> {
     ))
 }
 
-fn world(header: &NiftiHeader, notes: &mut Vec<Note>) -> Result<Affine> {
+/// The affine, and whether a transform of the header gives it: without one the axes have no anatomical meaning.
+fn world(header: &NiftiHeader, notes: &mut Vec<Note>) -> Result<(Affine, bool)> {
     let wide = |v: &[f32]| DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]));
     if header.sform_code > 0 {
         let rows = [header.srow_x, header.srow_y, header.srow_z];
         let linear = DMat3::from_cols(wide(&rows[0]), wide(&rows[1]), wide(&rows[2])).transpose();
         let offset = DVec3::from_array(rows.map(|r| f64::from(r[3])));
         if let Some(affine) = Affine::new(linear, offset) {
-            return Ok(affine);
+            return Ok((affine, true));
         }
         notes.push(note("the sform is not invertible and was ignored", 1));
     }
@@ -181,9 +186,9 @@ fn world(header: &NiftiHeader, notes: &mut Vec<Note>) -> Result<Affine> {
         let mirror = if header.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
         let rotation = rotation(wide(&[header.quatern_b, header.quatern_c, header.quatern_d]));
         let mirrored = DMat3::from_diagonal(DVec3::new(1.0, 1.0, mirror));
-        return affine(NAME, rotation * mirrored * scale, offset);
+        return Ok((affine(NAME, rotation * mirrored * scale, offset)?, true));
     }
-    affine(NAME, scale, DVec3::ZERO)
+    Ok((affine(NAME, scale, DVec3::ZERO)?, false))
 }
 
 /// The rotation of a unit quaternion of which only b, c, d are stored (nifti1.h, method 2):

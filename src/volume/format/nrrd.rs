@@ -12,7 +12,7 @@ use super::super::source::Source;
 use super::super::{LengthUnit, Note, Volume};
 use super::{affine, metres_in, needs_second_file};
 use crate::error::{Error, Result};
-use crate::geom::Affine;
+use crate::geom::{Affine, Up};
 use glam::{DMat3, DVec3};
 use std::collections::HashMap;
 use std::path::Path;
@@ -114,7 +114,13 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
         }
     };
     let dims = dims.map(|d| d as usize);
-    assemble(Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, notes }, hint)
+    let anatomical = header.get(&["space directions"]).is_some() && header.get(&["space"]).is_some_and(is_anatomical);
+    let parts = Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, notes };
+    let mut volume = assemble(parts, hint)?;
+    if anatomical {
+        volume.up = Up::Anatomical;
+    }
+    Ok(volume)
 }
 
 struct Skips {
@@ -247,6 +253,13 @@ fn vectors(text: &str) -> Result<Vec<Option<DVec3>>> {
         rest = after.trim_start();
     }
     Ok(out)
+}
+
+/// Whether a space is a patient's.
+fn is_anatomical(space: &str) -> bool {
+    let lower = space.to_ascii_lowercase();
+    let base = lower.strip_suffix("-time").unwrap_or(&lower);
+    base.ends_with("-superior") || ["ras", "las", "lps"].contains(&base)
 }
 
 /// Signs that take the named space to RAS+; all +1 for spaces without anatomical axes.
