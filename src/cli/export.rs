@@ -1,5 +1,6 @@
 //! `isolume export`: the relit texture as a volume for other programs.
 
+use super::complete::Completeness;
 use super::console::Console;
 use super::info::check_store;
 use super::light::{LightArgs, MaterialArgs, open_probe};
@@ -37,6 +38,9 @@ pub(super) struct Export {
     /// Which of several volumes baked together [default: the first]
     #[arg(long, value_name = "NAME")]
     volume: Option<String>,
+    /// Accept a store whose bake is not finished: what is missing is filled from neighbours, or has no light
+    #[arg(long)]
+    partial: bool,
     #[command(flatten, next_help_heading = "Light")]
     light: LightArgs,
     #[command(flatten, next_help_heading = "Material")]
@@ -59,6 +63,7 @@ impl Export {
             None => store,
         };
         let volume = store.volume()?;
+        Completeness::of(&store, &volume)?.check(&store, self.partial)?;
         if let (None, [first, .., _]) = (&self.volume, store.volumes()?.as_slice()) {
             console.note(format!("{first}, the first volume of the store: --volume NAME takes another"));
         }

@@ -1,5 +1,6 @@
 //! `isolume info`: what is in a volume or a store.
 
+use super::complete::Completeness;
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::{Isovalue, overview};
@@ -229,13 +230,18 @@ fn store(argument: &str, console: &Console) -> Outcome {
     }
     rows.push(row("isovalues", isovalues_text(&held)));
     let all: usize = store.layout().lattice.chunks().iter().product();
-    rows.push(row("baked", format!("{} of {all} chunks, {}", held.chunks, text::bytes(bytes as f64))));
+    let complete = Completeness::of(&store, &volume)?;
+    let state = match complete.there == complete.needed {
+        true => format!("{} of {all} chunks, all that were asked for", held.chunks),
+        false => format!("{} of {} chunks that were asked for: incomplete", complete.there, complete.needed),
+    };
+    rows.push(row("baked", format!("{state}, {}", text::bytes(bytes as f64))));
     rows.push(row("quality", quality_text(&held)));
     console.print(text::table(&rows));
     let isovalues = if held.all { json!("all") } else { json!(held.isovalues) };
     console.print_json(&json!({
         "store": file_name(argument), "volumes": volumes, "identity": identity, "provenance": store.provenance(),
-        "isovalues": isovalues, "chunks": held.chunks, "chunks_of_lattice": all, "rays": held.rays,
+        "isovalues": isovalues, "chunks": held.chunks, "chunks_of_lattice": all, "chunks_asked": complete.needed, "chunks_complete": complete.there, "rays": held.rays,
         "error_targets": held.targets, "bytes": bytes,
     }));
     Ok(())

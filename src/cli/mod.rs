@@ -22,6 +22,7 @@ mod baking;
 mod bake;
 mod cache;
 mod compare;
+mod complete;
 mod completions;
 mod console;
 mod demo;

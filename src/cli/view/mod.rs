@@ -5,6 +5,7 @@ mod server;
 
 use super::baking::{Goal, Job};
 use super::cache::{Cache, Filled, InUse};
+use super::complete::Completeness;
 use super::console::Console;
 use super::info::{self, check_store};
 use super::input::{self, VolumeArgs};
@@ -57,6 +58,9 @@ pub(super) struct View {
     /// Port to serve on [default: a free one]
     #[arg(long, value_name = "PORT", default_value_t = 0, hide_default_value = true)]
     port: u16,
+    /// Accept a store whose bake is not finished: what is missing is filled from neighbours, or has no light
+    #[arg(long)]
+    partial: bool,
     /// Open the page in the browser of this system
     #[arg(long)]
     open: bool,
@@ -115,6 +119,7 @@ impl View {
 
     fn package(&self, store: &Store, console: &Console) -> Outcome<Package> {
         let volume = store.volume()?;
+        Completeness::of(store, &volume)?.check(store, self.partial)?;
         let held = store.holdings()?;
         let isovalue = match held.isovalues.first() {
             Some(&first) if !held.all && self.isovalue == Isovalue::Auto => first,
