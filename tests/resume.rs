@@ -1,6 +1,9 @@
 //! What a bake leaves behind: the same bytes after kills, for any number of threads, for shares put together in any
 //! order, and for isosurfaces that were asked for one after the other.
 
+#[path = "resume/mend.rs"]
+mod mend;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -84,7 +87,7 @@ fn twenty_kills_leave_the_bytes_of_an_unbroken_bake() {
     let expected = files(&whole);
     let all = chunks(&whole);
     assert!(all > 80, "{all} chunks");
-    // Chunks appear in bursts of eight, which are the delicate moments: every third kill comes at a random instant of
+    // The moment at which a chunk appears is the delicate one: every third kill comes at a random instant after
     // one, the others a random time after the start. The result must not depend on when.
     let broken = directory.path().join("broken.isolume");
     let mut interrupted = 0;

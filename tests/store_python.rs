@@ -62,7 +62,11 @@ root = zarr.open_group(path, mode="r")
 check(root, "consolidated")
 assert sorted(root["transfer/blob/env"].array_keys()) == ["rays", "stderr", "transfer", "validity"]
 assert len(str(root.tree())) > 0 if hasattr(root, "tree") else True
-check(zarr.open_group(path, mode="r", use_consolidated=False), "walked")
+walked = zarr.open_group(path, mode="r", use_consolidated=False)
+check(walked, "walked")
+# What is no part of Zarr lies where a walk does not come by.
+assert len(list(zarr.open_group(path + "/transfer/blob/env", mode="r").members())) == 4
+assert len(list(walked.members(max_depth=None))) == 10, [name for name, _ in walked.members(max_depth=None)]
 check(zarr.open_group(zarr.storage.ZipStore(archive, mode="r"), mode="r"), "zip")
 print("zarr", zarr.__version__)
 try:

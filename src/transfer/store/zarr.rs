@@ -30,7 +30,7 @@ pub(super) const CHECKSUM: usize = 4;
 /// Bytes of a stamp.
 pub(super) const STAMP: usize = 16;
 /// Bytes that follow the inner chunks in a shard: stamp, index, checksum of the index.
-const TAIL: usize = STAMP + SLOTS * 16 + CHECKSUM;
+pub(super) const TAIL: usize = STAMP + SLOTS * 16 + CHECKSUM;
 /// Offset and length of an inner chunk that does not exist.
 const MISSING: u64 = u64::MAX;
 

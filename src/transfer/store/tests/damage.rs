@@ -64,7 +64,7 @@ fn a_damaged_chunk_is_redone_alone_after_its_file_is_deleted() {
     bytes[100] ^= 1;
     fs::write(&file, bytes).unwrap();
     let message = store.read_chunk([0; 3]).unwrap_err().to_string();
-    assert!(message.contains("rays/c/0/0/0") && message.contains("crc32c") && message.contains("only it"), "{message}");
+    assert!(message.contains("rays/c/0/0/0") && message.contains("crc32c") && message.contains("redoes what is damaged"), "{message}");
     assert!(store.read_chunk([0, 0, 1]).unwrap().is_some());
     fs::remove_file(path.join("transfer/a_b__/env/transfer/c/0/0/0/0")).unwrap();
     assert!(store.read_chunk([0; 3]).unwrap().is_none());

@@ -1,6 +1,7 @@
 //! Tests of the store as a whole: what is written comes back, and nothing else is accepted.
 
 mod damage;
+mod mend;
 mod paths;
 
 use super::super::texture::MemoryTexture;

@@ -1,0 +1,190 @@
+//! Stores of other formats, moved ones, and those whose metadata was lost.
+
+use super::super::metadata::{nodes_of, sealed};
+use super::super::zarr::{STAMP, TAIL, checksum};
+use super::*;
+
+/// Rewrites a store as the versions 1 and 2 wrote it: records in a folder of their own that do not name their store, and
+/// in version 1 with one claim for all isovalues of a chunk.
+fn as_format(path: &Path, version: u32) {
+    let env = path.join("transfer/a_b__/env");
+    let records = env.join("rays/extent");
+    fs::create_dir(env.join("extent")).unwrap();
+    for entry in fs::read_dir(&records).unwrap() {
+        let name = entry.unwrap().file_name();
+        let mut record: Value = serde_json::from_slice(&fs::read(records.join(&name)).unwrap()).unwrap();
+        let fields = record.as_object_mut().unwrap();
+        fields.remove("stamp");
+        fields.remove("of");
+        if version == 1 {
+            let baked = fields.remove("baked").unwrap();
+            let isovalues: Vec<&Value> = baked.as_array().unwrap().iter().map(|claim| &claim["isovalue"]).collect();
+            fields.insert("isovalues".into(), json!(isovalues));
+            fields.insert("rays".into(), baked[0]["rays"].clone());
+            fields.insert("error_target".into(), baked[0]["error"].clone());
+        }
+        let hash = hash_of(&record);
+        record["stamp"] = json!(hash.to_hex()[..2 * STAMP]);
+        fs::write(env.join("extent").join(&name), format!("{record}\n")).unwrap();
+        let place = name.to_string_lossy().trim_end_matches(".json").replace('.', "/");
+        for array in ["transfer", "stderr", "validity", "rays"] {
+            let tail = if array == "transfer" || array == "stderr" { "/0" } else { "" };
+            let file = env.join(format!("{array}/c/{place}{tail}"));
+            let mut bytes = fs::read(&file).unwrap();
+            let start = bytes.len() - TAIL;
+            bytes[start..start + STAMP].copy_from_slice(&hash.as_bytes()[..STAMP]);
+            fs::write(&file, bytes).unwrap();
+        }
+    }
+    fs::remove_dir_all(&records).unwrap();
+    let old = Identity { format_version: version, ..identity() };
+    let nodes = nodes_of(&volume(), &old, &layout(), provenance()).unwrap();
+    let mut root = zarr::group(sealed(json!({ "isolume": { "format_version": version, "volume": "a_b__" } })));
+    zarr::consolidate(&mut root, &nodes);
+    fs::write(path.join("zarr.json"), root.to_string()).unwrap();
+    for (key, value) in nodes {
+        fs::write(path.join(key).join("zarr.json"), value.to_string()).unwrap();
+    }
+}
+
+#[test]
+fn older_formats_are_read_taken_over_and_not_written() {
+    for version in [1, 2] {
+        let directory = tempfile::tempdir().unwrap();
+        let (path, store) = filled(directory.path());
+        let expected = store.read_chunk([0; 3]).unwrap().map(|(bricks, _)| bytes_of(&bricks));
+        as_format(&path, version);
+        let old = Store::open(&path).unwrap();
+        assert_eq!(old.identity().format_version, version);
+        let (bricks, extent) = old.read_chunk([0; 3]).unwrap().unwrap();
+        assert_eq!(Some(bytes_of(&bricks)), expected);
+        assert_eq!(extent.claims().iter().map(|c| c.isovalue).collect::<Vec<_>>(), [Some(0.1), Some(1.0 / 3.0)]);
+        assert_eq!(extent.claims()[0].rays, 64);
+        let refused = old.write_chunk([0; 3], bricks, &extent).unwrap_err().to_string();
+        assert!(refused.contains("merge"), "{refused}");
+        let refused = Store::open_or_create(&path, &volume(), &identity(), Value::Null).unwrap_err().to_string();
+        assert!(refused.contains("format_version") && refused.contains("merge"), "{refused}");
+        let new = Store::create(directory.path().join("new"), &volume(), &identity(), provenance()).unwrap();
+        assert_eq!(new.take_from(&old).unwrap().taken, 3);
+        assert_eq!(new.read_chunk([0; 3]).unwrap().map(|(bricks, _)| bytes_of(&bricks)), expected);
+        assert_eq!(new.asked().unwrap(), old.asked().unwrap());
+        assert!(matches!(new.verify_chunks(&[[0; 3]]).unwrap()[0], ChunkCheck::Sound(_)));
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_store_that_was_moved_or_replaced_is_written_into_no_more() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, store) = filled(directory.path());
+    let moved = directory.path().join("moved");
+    fs::rename(&path, &moved).unwrap();
+    let before = files(&moved);
+    let write = |store: &Store| store.write_chunk([0; 3], bricks([0; 3], 5), &extent(64)).unwrap_err().to_string();
+    assert!(write(&store).contains("moved"));
+    assert!(!path.exists());
+    // Another store at the same place.
+    Store::create(&path, &volume(), &identity(), provenance()).unwrap();
+    let there = files(&path);
+    assert!(write(&store).contains("replaced"));
+    assert_eq!((files(&moved), files(&path)), (before, there));
+}
+
+#[test]
+fn a_file_that_shrinks_is_an_error_where_it_is_not_mapped() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = filled(directory.path());
+    let store = Store::open_unmapped(&path).unwrap();
+    let mapped = everything(&path).unwrap();
+    let read = |store: &Store| store.brick([0; 3]).map(|view| view.map(|v| bytes_of(&[Some(v.to_brick())])));
+    let before = read(&store).unwrap();
+    let shard = path.join("transfer/a_b__/env/transfer/c/0/0/0/0");
+    fs::OpenOptions::new().write(true).open(&shard).unwrap().set_len(0).unwrap();
+    // What was opened was read; what is opened now is cut off.
+    assert_eq!(read(&store).unwrap(), before);
+    assert!(read(&Store::open_unmapped(&path).unwrap()).is_err());
+    assert!(everything(&path).is_err() && !mapped.is_empty());
+}
+
+/// Whatever file of the metadata or the samples is lost, it comes back byte by byte; where nothing proves whose store it
+/// is, only with consent.
+#[test]
+fn lost_metadata_and_samples_come_back_byte_by_byte() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = filled(directory.path());
+    let whole = files(&path);
+    let reopen = |options: StoreOptions| options.open_or_create(&path, &volume(), &identity(), provenance());
+    for (file, bytes) in &whole {
+        let name = file.strip_prefix(&path).unwrap().to_string_lossy().into_owned();
+        if name.contains("/env/") && !name.ends_with("zarr.json") {
+            continue; // Chunks.
+        }
+        for damage in [None, Some(Vec::new()), Some(vec![0; bytes.len()]), Some(bytes[..bytes.len() / 2].to_vec())] {
+            match &damage {
+                None => fs::remove_file(file).unwrap(),
+                Some(damage) => fs::write(file, damage).unwrap(),
+            }
+            let store = reopen(StoreOptions::default()).unwrap();
+            assert_eq!(store.mended().len(), 1, "{name}: {:?}", store.mended());
+            assert!(store.mended()[0].contains(if name.contains("/c/") { "samples" } else { &name }));
+            assert!(files(&path) == whole, "{name} differs");
+        }
+    }
+    assert!(reopen(StoreOptions::default()).unwrap().mended().is_empty());
+    // Nothing is left that proves it.
+    fs::remove_dir_all(path.join("transfer/a_b__/env/rays/extent")).unwrap();
+    fs::remove_file(path.join("transfer/a_b__/env/zarr.json")).unwrap();
+    let refused = reopen(StoreOptions::default()).unwrap_err().to_string();
+    assert!(refused.contains("--repair"), "{refused}");
+    assert_eq!(reopen(StoreOptions::default().repair(true)).unwrap().mended().len(), 1);
+    // A store of something else is never written over.
+    let other = Identity { seed: 5, ..identity() };
+    let before = files(&path);
+    let options = StoreOptions::default().repair(true);
+    assert!(matches!(options.open_or_create(&path, &volume(), &other, provenance()), Err(Error::Mismatch { .. })));
+    assert!(files(&path) == before);
+}
+
+#[test]
+fn a_damaged_chunk_is_set_aside_and_remembered_until_it_is_there_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, store) = filled(directory.path());
+    store.ask(&extent(64)).unwrap();
+    let whole = files(&path);
+    let file = path.join("transfer/a_b__/env/rays/c/0/0/0");
+    let mut bytes = fs::read(&file).unwrap();
+    bytes[100] ^= 1;
+    fs::write(&file, bytes).unwrap();
+    let all = [[0, 0, 0], [1, 0, 0], [0, 0, 1]];
+    let found = store.verify_chunks(&all).unwrap();
+    assert!(matches!(&found[0], ChunkCheck::Damaged(what) if what.contains("rays/c/0/0/0")), "{found:?}");
+    assert!(found[1] == ChunkCheck::Absent && found[2] == ChunkCheck::Sound(extent(64)), "{found:?}");
+    store.set_aside([0; 3]).unwrap();
+    assert_eq!(store.verify_chunks(&all[..1]).unwrap(), [ChunkCheck::Absent]);
+    assert_eq!(store.awaited().unwrap(), [[0; 3]]);
+    assert_eq!(store.asked().unwrap(), extent(64));
+    store.write_chunk([0; 3], bricks([0; 3], 0), &extent(64)).unwrap();
+    store.clear_set_aside([0; 3]).unwrap();
+    assert!(store.awaited().unwrap().is_empty() && files(&path) == whole);
+    // One file of a chunk without the others.
+    fs::remove_file(path.join("transfer/a_b__/env/transfer/c/0/0/0/0")).unwrap();
+    assert!(matches!(&store.verify_chunks(&all[..1]).unwrap()[0], ChunkCheck::Damaged(what) if what.contains("missing")));
+}
+
+#[test]
+fn what_was_asked_survives_the_loss_of_its_note() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, store) = filled(directory.path());
+    let more = ChunkExtent::new(Some(7.0), 16, None);
+    store.ask(&more).unwrap();
+    let note = path.join("transfer/a_b__/env/rays/asked.json");
+    let mut both = extent(64);
+    both.join(&more);
+    assert_eq!(store.asked().unwrap(), both);
+    fs::write(&note, "").unwrap();
+    // What chunks claim is known all the same.
+    assert_eq!(store.asked().unwrap(), extent(64));
+    assert!(store.asked_damage().unwrap().is_some());
+    store.ask(&more).unwrap();
+    assert!(store.asked().unwrap() == both && store.asked_damage().unwrap().is_none());
+}
