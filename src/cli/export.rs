@@ -2,6 +2,7 @@
 
 use super::console::Console;
 use super::info::check_store;
+use super::inputs::Inputs;
 use super::light::{LightArgs, MaterialArgs, open_probe};
 use super::output::check_file;
 use super::scene_light::contracted as contracted_by;
@@ -161,6 +162,11 @@ impl Export {
             }
         };
         check_file(&self.output)?;
+        let inputs = Inputs::new([&self.input, &self.env]);
+        inputs.refuse(&self.output)?;
+        if format == Format::Raw {
+            inputs.refuse(&self.output.with_extension("nhdr"))?;
+        }
         Ok(format)
     }
 }

@@ -427,6 +427,7 @@ pub(super) fn fill(job: &Job<'_>, path: &Path, console: &Console) -> Outcome<(St
         report.goal = goal::goal_json(&job.goal);
         let _guard = console.guard();
         run(job, &pyramid, &store, &mut todo, quality.target, console, &mut report)?;
+        report.warning().iter().for_each(|warning| console.note(warning));
     }
     store.refresh();
     Ok((store, report))
