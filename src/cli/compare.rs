@@ -5,6 +5,7 @@ mod picture;
 
 use super::console::Console;
 use super::info::check_store;
+use super::inputs::Inputs;
 use super::isovalue::Isovalue;
 use super::light::{open_probe, parse_triple};
 use super::surface::Surface;
@@ -87,6 +88,7 @@ struct Row {
 impl Compare {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
         check_store(&self.input)?;
+        self.pictures.refuse(&Inputs::new(self.env.iter().chain([&self.input])))?;
         let store = Store::open(&self.input)?;
         let volume = store.volume()?;
         let identity = store.identity();

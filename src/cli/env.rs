@@ -1,6 +1,7 @@
 //! `isolume env`: environments by themselves.
 
 use super::console::Console;
+use super::inputs::Inputs;
 use super::light::{open_probe, parse_layout};
 use super::output::check_file;
 use super::{Failure, Outcome, text};
@@ -83,6 +84,11 @@ impl Source {
     fn open(&self) -> Result<Probe> {
         open_probe(&self.probe, self.keep_negative, self.layout)
     }
+
+    /// Refuses an output that is the image.
+    fn refuse(&self, output: &Path) -> Result<()> {
+        Inputs::new([&self.probe]).refuse(output)
+    }
 }
 
 impl Env {
@@ -90,9 +96,13 @@ impl Env {
         match &self.action {
             Action::Show { source, bands } => show(&source.open()?, usize::from(*bands), console),
             Action::Project { source, bands, output } => {
+                output.as_deref().map_or(Ok(()), |output| source.refuse(output))?;
                 project(&source.open()?, usize::from(*bands), output.as_deref(), console)
             }
-            Action::Rotate { source, env_rotate, output } => rotate(&source.open()?, *env_rotate, output, console),
+            Action::Rotate { source, env_rotate, output } => {
+                source.refuse(output)?;
+                rotate(&source.open()?, *env_rotate, output, console)
+            }
             Action::Check { source } => check(&source.open()?, console),
         }
     }

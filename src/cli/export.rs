@@ -3,6 +3,7 @@
 use super::complete::Completeness;
 use super::console::Console;
 use super::info::check_store;
+use super::inputs::Inputs;
 use super::light::{LightArgs, MaterialArgs, open_probe};
 use super::output::check_file;
 use super::scene_light::contracted as contracted_by;
@@ -167,6 +168,11 @@ impl Export {
             }
         };
         check_file(&self.output)?;
+        let inputs = Inputs::new([&self.input, &self.env]);
+        inputs.refuse(&self.output)?;
+        if format == Format::Raw {
+            inputs.refuse(&self.output.with_extension("nhdr"))?;
+        }
         Ok(format)
     }
 }

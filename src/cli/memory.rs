@@ -37,14 +37,11 @@ fn of_machine() -> Option<Bound> {
 #[cfg(unix)]
 fn of_address_space() -> Option<Bound> {
     let limit = rustix::process::getrlimit(rustix::process::Resource::As).current?;
-    // Stacks and the arenas of the allocator take addresses without memory.
+    // What is taken already: the program, stacks, the volume, which a forecast counts again.
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let of = |name: &str| {
-        let line = status.lines().find_map(|line| line.strip_prefix(name))?;
-        line.split_whitespace().next()?.parse::<u64>().ok()?.checked_mul(1024)
-    };
-    let reserved = of("VmSize:").unwrap_or(0).saturating_sub(of("VmRSS:").unwrap_or(0));
-    let bytes = usable(limit.saturating_sub(reserved));
+    let line = status.lines().find_map(|line| line.strip_prefix("VmSize:"));
+    let taken = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()).unwrap_or(0);
+    let bytes = usable(limit.saturating_sub(taken.saturating_mul(1024)));
     Some(Bound { bytes, set_by: format!("RLIMIT_AS, ulimit -v, is {}", text::bytes(limit as f64)) })
 }
 

@@ -34,6 +34,7 @@ mod failure;
 mod forecast;
 mod info;
 mod input;
+mod inputs;
 mod isovalue;
 mod joint;
 mod light;

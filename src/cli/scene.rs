@@ -5,7 +5,7 @@ use super::{Cli, Command, Failure, Outcome, input, joint};
 use crate::error::{Error, Result};
 use crate::file::{self, Beside};
 use crate::scene::geometry::{Geometry, TriangleMesh};
-use crate::scene::{Coupling, Effects, Located, Scene, TextureSize, nearest};
+use crate::scene::{Coupling, Effects, Located, Scene, TextureSize, WallShape, nearest};
 use crate::transfer::store::Store;
 use crate::volume::{LengthUnit, Solid, field};
 use clap::parser::ValueSource;
@@ -187,6 +187,20 @@ impl SceneFile {
     pub(super) fn place_of(&self, name: &str) -> String {
         let is_field = !matches!(field::by_name(name), Ok(None));
         if is_field { name.to_string() } else { self.folder.join(name).display().to_string() }
+    }
+
+    /// All files that it names.
+    pub(super) fn files(&self) -> Vec<PathBuf> {
+        let scene = &self.scene;
+        let volumes = scene.volumes.iter().map(|volume| &volume.volume.value);
+        let walls = scene.surroundings.walls.iter().filter_map(|wall| match &wall.shape {
+            WallShape::Mesh { file, .. } => Some(&file.value),
+            WallShape::Isosurface { volume, .. } => Some(&volume.value),
+            WallShape::Ready(_) => None,
+        });
+        let probe = scene.probe.iter().filter(|probe| probe.is_file).map(|probe| &probe.name.value);
+        let named = volumes.chain(walls).chain(probe).chain([&scene.volume.value]);
+        named.map(|name| self.folder.join(name)).collect()
     }
 
     /// How many volumes it has.

@@ -40,6 +40,7 @@ pub use sun::{NoSun, Split, SplitSun, Sun, SunOptions, split_sun};
 use crate::error::{Error, Result};
 use crate::file;
 use crate::sh::Coefficients;
+use std::io::Read;
 use std::path::Path;
 
 /// Longest image file that is opened: 16384 × 8192 pixels of eight channels of 32 bits.
@@ -140,7 +141,7 @@ pub fn open(path_or_name: &str, options: &ReadOptions) -> Result<Probe> {
         return Ok(probe);
     }
     let path = Path::new(path_or_name);
-    let bytes = file::read(path, MOST_FILE_BYTES).map_err(|error| match error {
+    let bytes = read_file(path).map_err(|error| match error {
         Error::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => Error::argument(
             "environment",
             path_or_name,
@@ -154,6 +155,26 @@ pub fn open(path_or_name: &str, options: &ReadOptions) -> Result<Probe> {
     })?;
     let name = path.file_stem().map_or(path_or_name.into(), |s| s.to_string_lossy().into_owned());
     Probe::from_bytes(name, &bytes, options).map_err(|e| e.in_file(path))
+}
+
+/// The bytes of a file, or of what is piped in.
+fn read_file(path: &Path) -> Result<Vec<u8>> {
+    let (file, length) = file::open_named(path)?;
+    let mut bytes = Vec::new();
+    let mut found = length.unwrap_or(0);
+    if found <= MOST_FILE_BYTES {
+        let failed = |e| Error::io(path, "read", e);
+        found = file.take(MOST_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(failed)? as u64;
+    }
+    if found <= MOST_FILE_BYTES {
+        return Ok(bytes);
+    }
+    Err(Error::Limit {
+        what: format!("{}: reading it", path.display()),
+        needed: format!("{found} bytes or more"),
+        limit: format!("{MOST_FILE_BYTES} bytes"),
+        remedy: "check that this is the right file, or scale the image down".into(),
+    })
 }
 
 #[cfg(test)]

@@ -36,8 +36,8 @@ pub use photon::{
 };
 pub use replay::{ReplayedPath, replay};
 pub use scene_path::{
-    GroupBricks, LevelSite, PowerBalance, SceneBake, SceneCounts, SceneReference, SceneSettings, SceneSummary,
-    bake_scene, needs_photons, pilot_scene, scene_radiance, site_radiance, trace_photons,
+    GroupBricks, LevelSite, MOST_SPECULAR, MOST_TURNS, PowerBalance, SceneBake, SceneCounts, SceneReference,
+    SceneSettings, SceneSummary, bake_scene, needs_photons, pilot_scene, scene_radiance, site_radiance, trace_photons,
 };
 pub use summary::{ErrorHistogram, Summary};
 

@@ -131,8 +131,23 @@ fn the_page_is_one_script_and_data_cannot_end_it() {
     let served = page();
     assert!(!served.contains("/*SCRIPT*/") && !served.contains("<!--DATA-->") && !served.contains("id=\"payload\""));
     let alone = page_in_one_file(&package([9, 5, 4], WHOLE)).unwrap();
-    assert!(!alone.contains("a </script> test") && alone.contains("a <\\/script> test"));
+    assert!(!alone.contains("a </script> test") && alone.contains("a \\u003c/script> test"));
     // Nothing that a browser would fetch.
     let without_data = &alone[..alone.find("<script type=\"application/json\"").unwrap()];
     assert!(!without_data.contains("src=") && !without_data.contains("url(") && !without_data.contains("http"));
+}
+
+/// `<!--` and `<script` in a name would swallow the rest of the page (HTML, 4.12.1.3).
+#[test]
+fn no_name_changes_how_the_page_in_one_file_is_read() {
+    let mut package = package([9, 5, 4], WHOLE);
+    let name = "<!--<script></script>]]><\u{2028}";
+    package.header["name"] = name.into();
+    let alone = page_in_one_file(&package).unwrap();
+    let header = alone.split("id=\"header\">").nth(1).unwrap().split("</script>").next().unwrap();
+    assert!(!header.contains('<'));
+    assert_eq!(serde_json::from_str::<serde_json::Value>(header).unwrap(), package.header);
+    let ends = alone.matches("</script>").count();
+    assert_eq!((alone.matches("<script").count(), ends), (3, 3), "data, data, and the page's own");
+    assert!(!alone.contains("<!--<"));
 }

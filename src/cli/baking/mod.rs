@@ -483,6 +483,7 @@ pub(super) fn fill(job: &Job<'_>, path: &Path, console: &Console) -> Outcome<(St
         let _guard = console.guard();
         run(job, &pyramid, &store, &mut todo, quality.target, console, &mut report)?;
         repair::complete(job, &pyramid, &store, &asked, &damaged, quality.name.as_ref(), console, &mut report)?;
+        report.warning().iter().for_each(|warning| console.note(warning));
     }
     store.refresh();
     Ok((store, report))

@@ -2,9 +2,12 @@
 
 use super::super::text;
 use super::Report;
-use crate::transport::{Bias, PhotonMap};
+use crate::transport::{Bias, MOST_SPECULAR, MOST_TURNS, PhotonMap};
 use serde_json::{Value, json};
 use std::time::Duration;
+
+/// Share of paths cut among mirrors and glass from which on the user is warned.
+const MOST_CUT: f64 = 1e-3;
 
 /// What the map of the estimator `photon` is.
 pub(in super::super) struct Photons {
@@ -145,6 +148,21 @@ impl Report {
         text::details(&rows)
     }
 
+    /// What of the light is missing because paths were cut among mirrors and glass, where it is more than a trifle.
+    pub(super) fn warning(&self) -> Option<String> {
+        let counts = &self.scene.as_ref()?.counts;
+        let share = (counts.lost_specular + counts.lost_turns) as f64 / self.summary.paths.max(1) as f64;
+        (share > MOST_CUT).then(|| {
+            format!(
+                "{} of the paths were cut, {} after {MOST_SPECULAR} mirrors and glass in a row, {} after {MOST_TURNS} turns: \
+                 their light is missing; open the mirrors to the light, or lower their share",
+                text::percent(share),
+                text::count(counts.lost_specular),
+                text::count(counts.lost_turns)
+            )
+        })
+    }
+
     /// The albedo that the bound is stated for.
     fn albedo(&self) -> f64 {
         f64::from(self.albedo.unwrap_or(0.7))
@@ -201,9 +219,13 @@ impl Report {
                     text::count(c.buried)
                 ),
             };
+            let among_mirrors = match c.lost_specular + c.lost_turns {
+                0 => String::new(),
+                lost => format!(", {} were cut among mirrors and glass", text::count(lost)),
+            };
             return format!(
                 "shadowing {first}rays, interreflection {later}rays, walls {walls}rays, luminaires {lights}rays; {partners}{} \
-                 paths ended on a cut through the solid",
+                 paths ended on a cut through the solid{among_mirrors}",
                 text::count(c.cut)
             );
         }
@@ -233,7 +255,10 @@ impl Report {
                 "rays": counts.partner_rays, "hits": counts.partner_hits, "buried_texels": counts.buried,
             },
             "luminaires": { "rays": counts.light_rays, "hits": counts.luminaire_hits },
-            "caustics": { "photons": 0, "specular_hits": counts.specular_hits },
+            "caustics": {
+                "photons": 0, "specular_hits": counts.specular_hits,
+                "lost_specular": counts.lost_specular, "lost_turns": counts.lost_turns,
+            },
             "media": { "rays": 0 },
             "sun-split": { "rays": 0 },
         })

@@ -1,5 +1,6 @@
 //! Pictures of a comparison: the store, the reference, and their difference in false colours.
 
+use crate::cli::inputs::Inputs;
 use crate::cli::output::{self, Target};
 use crate::cli::surface::Surface;
 use crate::cli::{Outcome, picture, text};
@@ -34,6 +35,13 @@ pub(super) struct PictureOutput {
     /// Difference that shows in full colour, such as 10%, over the mean radiance [default: what 98 % of it is below]
     #[arg(long, value_name = "E", value_parser = parse_scale)]
     scale: Option<f64>,
+}
+
+impl PictureOutput {
+    /// Refuses files to write that are read.
+    pub(super) fn refuse(&self, inputs: &Inputs) -> Result<()> {
+        self.png.iter().chain(&self.glb).try_for_each(|path| inputs.refuse(path))
+    }
 }
 
 fn parse_scale(text: &str) -> std::result::Result<f64, String> {

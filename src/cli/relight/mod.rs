@@ -10,6 +10,7 @@ pub(super) use joint::Companion;
 
 use super::console::Console;
 use super::input::VolumeArgs;
+use super::inputs::Inputs;
 use super::isovalue::{Chosen, Isovalue, NamedIsovalue};
 use super::light::{LightArgs, MaterialArgs, open_probe};
 use super::options::TransferArgs;
@@ -139,6 +140,8 @@ impl Relight {
         {
             return Err(Error::argument("--scale", scale, "a positive number", "give metres to a world unit").into());
         }
+        let inputs = self.inputs();
+        self.output.iter().try_for_each(|output| inputs.refuse(output))?;
         // Whatever can be wrong is refused before the bake, which may take minutes.
         self.material.rule((0.0, 1.0))?;
         let probes = self.open_probes(console)?;
@@ -180,6 +183,11 @@ impl Relight {
         let mut work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
         work.geometry = opened.geometry.as_ref();
         work.bake_and_light(&opened.label, seed)
+    }
+
+    /// What is read.
+    fn inputs(&self) -> Inputs {
+        Inputs::new(self.env.iter().chain([&self.input])).with_scene(self.scene.as_ref())
     }
 
     /// Lights the volumes of a store together, or the one that is named.

@@ -244,6 +244,8 @@ fn all_targets(
         }
     }
     let paths: Vec<&PathBuf> = all.iter().flatten().map(|t| &t.path).collect();
+    let inputs = command.inputs();
+    paths.iter().try_for_each(|path| inputs.refuse(path))?;
     if let Some(twice) = (1..paths.len()).find(|&i| paths[..i].contains(&paths[i])) {
         let expected = "different names";
         return Err(Error::argument("output", paths[twice].display(), expected, "two outputs are the same file").into());

@@ -9,6 +9,7 @@ use super::complete::Completeness;
 use super::console::Console;
 use super::info::{self, check_store};
 use super::input::{self, VolumeArgs};
+use super::inputs::Inputs;
 use super::isovalue::Isovalue;
 use super::light::open_probe;
 use super::options::TransferArgs;
@@ -75,7 +76,10 @@ pub(super) struct View {
 
 impl View {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
-        self.html.as_deref().map_or(Ok(()), check_file)?;
+        if let Some(path) = &self.html {
+            check_file(path)?;
+            Inputs::new(self.env.iter().chain([&self.input])).refuse(path)?;
+        }
         let (store, _use) = self.store(seed, console)?;
         let package = self.package(&store, console)?;
         match &self.html {

@@ -237,6 +237,9 @@ impl Site {
     fn refuse(&self, stream: &TcpStream, with_body: bool, refusal: &Refusal) -> io::Result<()> {
         let Refusal(status, why) = refusal;
         self.write(stream, *status, &[("Content-Type", "text/plain; charset=utf-8")], why.as_bytes(), with_body)?;
+        if *status == 408 {
+            return Ok(()); // Nothing comes.
+        }
         // A connection that is closed before all is read is reset, and the answer lost.
         stream.shutdown(Shutdown::Write)?;
         let timed = Timed { stream, until: Instant::now() + DRAINING, at_once: DRAINING };

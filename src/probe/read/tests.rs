@@ -209,6 +209,65 @@ fn png_and_jpeg_become_linear_with_a_note() {
     read_error(&huge);
 }
 
+/// Every kind of PNG, against the crate `image`, which reads them another way.
+#[test]
+fn kinds_of_png_are_read_as_by_another_reader() {
+    let noise = |n: usize| -> Vec<u8> { (0..n).map(|i| (i * 7919 % 251) as u8).collect() };
+    for (colour, channels) in [
+        (png::ColorType::Grayscale, 1),
+        (png::ColorType::GrayscaleAlpha, 2),
+        (png::ColorType::Rgb, 3),
+        (png::ColorType::Rgba, 4),
+    ] {
+        for (depth, bytes) in [(png::BitDepth::Eight, 1), (png::BitDepth::Sixteen, 2)] {
+            let mut file = Vec::new();
+            let mut encoder = png::Encoder::new(&mut file, 8, 4);
+            encoder.set_color(colour);
+            encoder.set_depth(depth);
+            let mut writer = encoder.write_header().unwrap();
+            writer.write_image_data(&noise(32 * channels * bytes)).unwrap();
+            writer.finish().unwrap();
+            let other = image::load_from_memory(&file).unwrap().into_rgb16();
+            let expected = other
+                .pixels()
+                .map(|p| p.0.map(|v| crate::scene::srgb::linear_from_srgb(f64::from(v) / 65535.0) as f32));
+            let read = read_default(&file);
+            assert_eq!(read.image.pixels(), expected.collect::<Vec<_>>(), "{colour:?} {depth:?}");
+            assert_eq!(read.notes.len(), 1 + usize::from(channels % 2 == 0), "{:?}", read.notes);
+        }
+    }
+    // A palette of two bits.
+    let mut file = Vec::new();
+    let mut encoder = png::Encoder::new(&mut file, 4, 2);
+    encoder.set_color(png::ColorType::Indexed);
+    encoder.set_depth(png::BitDepth::Two);
+    encoder.set_palette(vec![0, 0, 0, 255, 0, 0, 0, 255, 0, 255, 255, 255]);
+    let mut writer = encoder.write_header().unwrap();
+    writer.write_image_data(&[0b00_01_10_11, 0b11_10_01_00]).unwrap();
+    writer.finish().unwrap();
+    let (k, r, g, w) = ([0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0; 3]);
+    assert_eq!(read_default(&file).image.pixels(), [k, r, g, w, w, g, r, k]);
+}
+
+/// A header that claims more to unpack at once than the image may have.
+#[test]
+fn blocks_of_very_many_channels_are_refused() {
+    let names: Vec<String> = (0..300).map(|i| format!("c{i:03}")).chain(RGB.map(String::from)).collect();
+    let channels = names.iter().map(|n| AnyChannel::new(n.as_str(), FlatSamples::F32(vec![0.5; 64 * 32])));
+    let encoding =
+        Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let layer = Layer::new((64, 32), LayerAttributes::default(), encoding, AnyChannels::sort(channels.collect()));
+    let image = Image::empty(ImageAttributes::with_size((64, 32))).with_layer(layer);
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write().to_buffered(&mut bytes).unwrap();
+    let file = bytes.into_inner();
+    assert_eq!(read_default(&file).image.pixels()[0], [0.5; 3]);
+    // 16 lines of 64 pixels of 303 channels of 4 bytes are 1.2 MB; 16 bytes for each pixel of the image 33 kB.
+    let options = ReadOptions { max_pixels: 64 * 32, ..ReadOptions::default() };
+    let error = read(&file, &options).unwrap_err();
+    assert!(matches!(error, Error::Limit { .. }) && error.to_string().contains("303 channels"), "{error}");
+}
+
 #[test]
 fn impossible_pixels_are_counted() {
     let values = [[1.0, 2.0, 3.0], [f32::NAN, 1.0, -1.0], [f32::INFINITY, 0.0, 0.0], [-2.0, -0.5, 4.0]];

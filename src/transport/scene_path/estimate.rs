@@ -30,10 +30,10 @@ use std::f64::consts::PI;
 
 /// Meetings with walls after which roulette begins.
 const SURE_WALLS: u32 = 3;
-/// A path between white walls would never end: after this many turns it is cut.
-const MOST_TURNS: u32 = 512;
-/// Mirrors and glass in a row before a path is cut.
-const MOST_SPECULAR: u32 = 64;
+/// A path between white walls would never end: after this many turns it is cut, and counted as lost.
+pub const MOST_TURNS: u32 = 512;
+/// Mirrors and glass in a row after which a path is cut, and counted as lost.
+pub const MOST_SPECULAR: u32 = 64;
 /// Pairs of random numbers of glass start here, out of the way of all others.
 const GLASS_PAIRS: u32 = 1 << 24;
 

@@ -18,6 +18,7 @@ mod sites;
 mod world;
 
 pub use bake::{GroupBricks, SceneBake, SceneSummary, bake_scene, pilot_scene};
+pub use estimate::{MOST_SPECULAR, MOST_TURNS};
 pub use photons::{PowerBalance, trace_photons};
 pub use reference::{SceneReference, scene_radiance};
 pub use sites::{LevelSite, site_radiance};
