@@ -148,8 +148,8 @@ impl Compare {
         }
         console.print(table(&rows));
         console.print(format!(
-            "\n{} vertices, {} paths each; all figures over the mean radiance of the reference. ± is half of the 95 % interval\n\
-             over the vertices. RMS %: after the reference's exposure, clamped to [0, 1], as Beason (2005) measured.",
+            "\n{} vertices, {} paths each; all figures over the mean radiance of the reference. ± is half of the \
+             95 % interval over the vertices. RMS %: after the reference's exposure, clamped to [0, 1], as Beason (2005) measured.",
             self.points, self.paths
         ));
         console.print(format!("\nWhy: shares of the mean square of the difference\n{}", budget(&rows)));

@@ -37,7 +37,7 @@ impl Console {
     /// Prints a result for people; nothing under `--json`.
     pub(super) fn print(&self, text: impl std::fmt::Display) {
         if !self.json {
-            let _ = writeln!(std::io::stdout(), "{text}");
+            let _ = writeln!(std::io::stdout(), "{}", text::fitted(&text.to_string()));
         }
     }
 
@@ -65,13 +65,13 @@ impl Console {
     /// Something the user should know.
     pub(super) fn note(&self, text: impl std::fmt::Display) {
         if !self.quiet {
-            let _ = writeln!(std::io::stderr(), "note: {text}");
+            let _ = writeln!(std::io::stderr(), "{}", text::fitted(&format!("note: {text}")));
         }
     }
 
     /// Why the command failed.
     pub(super) fn error(&self, text: impl std::fmt::Display) {
-        let _ = writeln!(std::io::stderr(), "error: {text}");
+        let _ = writeln!(std::io::stderr(), "{}", text::fitted(&format!("error: {text}")));
     }
 
     /// Runs `work` while a bar shows how far `progress` has come of so many texels or photons; on a terminal only. The second

@@ -18,10 +18,10 @@ use super::scene::SceneFile;
 use super::surface::Surface;
 use super::{Failure, Outcome, info, options, text};
 use crate::error::Error;
-use crate::probe::Probe;
+use crate::probe::{Probe, SunOptions, split_sun};
 use crate::scene::geometry::Geometry;
 use crate::scene::{EmissionRule, MaterialRule};
-use crate::transfer::store::Store;
+use crate::transfer::store::{FRONT_NOT_RECORDED, Store};
 use crate::volume::Volume;
 use joint::Members;
 use report::report;
@@ -107,6 +107,9 @@ struct MeshArgs {
     scale: Option<f64>,
 }
 
+/// Share of the light of a lamp that dominates.
+const DOMINANT: f64 = 0.15;
+
 /// What a run of the command did.
 pub(in crate::cli) struct Relit {
     pub(in crate::cli) surfaces: Vec<Surface>,
@@ -150,6 +153,14 @@ impl Relight {
             }
             self.refuse_names("the store holds one volume alone")?;
             let volume = store.volume()?;
+            for note in volume.notes.iter().filter(|note| note.text == FRONT_NOT_RECORDED) {
+                if self.volume.frame_of.is_none() {
+                    console.note(format!("{} (--frame-of anatomical)", note.text));
+                }
+            }
+            if store.identity().scene.is_none() {
+                self.tell_of_lamps(&probes, console);
+            }
             let chosen = self.isovalues_of_store(&store, &volume)?;
             let work = Work::new(self, &volume, &chosen, &probes, start, console)?;
             let source = Source { store, transport_rays: 0 };
@@ -176,6 +187,9 @@ impl Relight {
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
         let mut work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
         work.geometry = opened.geometry.as_ref();
+        if opened.geometry.is_none() {
+            self.tell_of_lamps(&probes, console);
+        }
         work.bake_and_light(&opened.label, seed)
     }
 
@@ -242,6 +256,22 @@ impl Relight {
             probes.push(probe);
         }
         Ok(probes)
+    }
+
+    /// Says what a lamp that dominates does to light of a few bands, and what helps.
+    fn tell_of_lamps(&self, probes: &[Probe], console: &Console) {
+        for probe in probes.iter().filter(|_| !self.splits_sun()) {
+            let split = split_sun(probe, &SunOptions::default());
+            if let Some(lamp) = split.suns.first().filter(|lamp| lamp.flux_share > DOMINANT) {
+                console.note(format!(
+                    "{}: a lamp {:.1}° across has {} of the light: a few bands blur its shadows, ring, and show noise as \
+                     spots; --sun-split lights it directly, --window lanczos stops the ringing",
+                    probe.name,
+                    2.0 * lamp.sun.angular_radius.to_degrees(),
+                    text::percent(lamp.flux_share)
+                ));
+            }
+        }
     }
 
     /// Names the line of the scene that an environment stands in.

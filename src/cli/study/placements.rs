@@ -208,11 +208,12 @@ impl PlacementsArgs {
     fn legend(&self, reference: &RouteReference, lattice: Lattice) -> String {
         let [x, y, z] = lattice.texels();
         format!(
-            "\nRMS %: as Beason (2005), after the exposure of the reference, cut to [0, 1]; ± standard error over {} placements.\n\
-             Reference: {} paths at each of {} vertices; its own noise, {:.2} % of RMS %, is in every row. Texture {x}x{y}x{z}; {} paths\n\
-             a sample; D: radius of a ball that holds {} samples in the mean. Empty texels take the nearest sample. \"texels\": a\n\
-             sample on each texel, without scatter. Level sets: {LEVEL_SETS} of them, many level sets: n^(1/3). Thesis: his figure at 10^6 samples, 100^3 texels, isovalue 47 of the bump box in its\n\
-             box, over the pixels of a picture; sizes of luminaire and colours of walls are not printed there, so only the order compares.",
+            "\nRMS %: as Beason (2005), at vertices after the exposure of the reference, cut to [0, 1]; ± standard error over {} \
+             placements. Reference: {} paths at each of {} vertices; its own noise, {:.2} % of RMS %, is in every row. \
+             Texture {x}x{y}x{z}; {} paths a sample; D: radius of a ball that holds {} samples in the mean. Empty texels take \
+             the nearest sample. \"texels\": a sample on each texel, without scatter. Level sets: {LEVEL_SETS} of them (the \
+             thesis has nine), many level sets: n^(1/3). Thesis: its figure at 10^6 samples, 100^3 texels, isovalue 47 of the \
+             bump box in its box; sizes of luminaire and colours of walls are not printed there, so only the order compares.",
             self.repeats, self.reference_paths, self.points, reference.noise_percent, self.paths, self.neighbours
         )
     }
