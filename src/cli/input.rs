@@ -30,14 +30,14 @@ impl From<SolidSide> for Solid {
 /// How a volume is to be understood.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(super) struct VolumeArgs {
-    /// Which side of the isovalue is matter [default: above]
+    /// Which side of the isovalue is solid [default: above]
     #[arg(long, value_enum, value_name = "SIDE")]
     pub(super) solid: Option<SolidSide>,
     /// The world axis that points up: x, y, z, -x, -y, -z [default: z]
     #[arg(long, value_parser = parse_up, allow_hyphen_values = true, value_name = "AXIS")]
     pub(super) up: Option<Up>,
-    /// What decides the front: the grid's axes, or a patient's frame, whose front is anterior [default: anatomical
-    /// for NIfTI with a transform code and NRRD with a patient's space, else grid]
+    /// Front of views and of glTF: -y of the file where z is up, or anterior [default: anatomical for NIfTI with a
+    /// transform code and for NRRD with a patient's space, else grid]
     #[arg(long, value_enum, value_name = "FRAME")]
     pub(super) frame_of: Option<FrameOf>,
 }

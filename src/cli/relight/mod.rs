@@ -37,8 +37,9 @@ use work::{Source, Work};
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume relight brain.isolume --isovalue 90 --env courtyard -o brain.glb
-  isolume relight brain.isolume --isovalue 90,160 --env sunset.exr --env studio -o \"{isovalue}-{env}.png\"
-  isolume relight bumpbox:96 --isovalue auto --env sun:45,30 --view 30,40 -o bumps.png
+  isolume relight brain.isolume --isovalue 90,160 --env studio -o {isovalue}.png
+  isolume relight brain.isolume --isovalue 90 --env sunset.exr --env sky -o out/
+  isolume relight bumpbox:96 --isovalue auto --env sun:-45,30 -o bumps.png
   isolume relight scene.toml --exposure -1")]
 pub(in crate::cli) struct Relight {
     /// Store, or a volume file, field or scene (.toml) that is baked first
@@ -56,6 +57,7 @@ pub(in crate::cli) struct Relight {
     )]
     isovalue: Vec<NamedIsovalue>,
     /// Environment: an image file, courtyard, studio, sunset, or a sky: constant, gradient, overcast, sky, sun:AZ,EL
+    /// (azimuth counter-clockwise from the centre of an image, glTF +X)
     #[arg(short, long, value_name = "PROBE", required = true)]
     env: Vec<String>,
     /// File to write, or several; the ending decides the format. For several surfaces: a name with {isovalue} and {env},
@@ -98,7 +100,7 @@ struct MeshArgs {
     /// Store COLOR_0 as 32-bit floats
     #[arg(long)]
     float_color: bool,
-    /// Carry the transfer of each vertex in .glb files, so that they can be lit anew elsewhere
+    /// Store the transfer of each vertex in .glb files, for relighting elsewhere
     #[arg(long)]
     transfer: bool,
     /// glTF units (metres) to a world unit [default: 0.001 where the file's unit is mm; else the longest side of the

@@ -11,7 +11,7 @@ use std::time::Duration;
 /// Share of a surface below a texel from which on it is told.
 const MOST_BELOW_A_TEXEL: f64 = 0.05;
 /// Noise over the mean from which on spots show.
-const MOST_NOISE: f64 = 0.1;
+const MOST_NOISE: f64 = 0.15;
 
 /// A relative error; black vertices have none.
 fn relative(error: f64) -> String {
@@ -34,7 +34,7 @@ fn print(console: &Console, relit: &Relit) {
     let time: Duration = written.iter().map(|w| w.times.total()).sum();
     console.summary(match written.as_slice() {
         [w] => format!(
-            "isovalue {}, {}: noise {} of the mean radiance, exposure {:+.2} EV; {}",
+            "isovalue {}, {}: noise {} of the mean, exposure {:+.2} EV; {}",
             text::number(w.isovalue, 6),
             w.env,
             text::percent(noise),
@@ -42,7 +42,7 @@ fn print(console: &Console, relit: &Relit) {
             text::duration(time)
         ),
         all => format!(
-            "{} files in {}: noise at most {} of the mean radiance",
+            "{} files in {}: noise at most {} of the mean",
             all.len(),
             text::duration(time),
             text::percent(noise)
@@ -118,16 +118,21 @@ pub(super) fn report(console: &Console, relit: &Relit) {
             text::percent(w.rms_over_mean)
         ));
     }
+    let ringing: Vec<&Written> = written.iter().filter(|w| w.negative > 0).collect();
+    if let Some(worst) = ringing.iter().max_by_key(|w| w.negative) {
+        let (path, count) = (worst.target.path.display(), text::count(worst.negative));
+        let others = match ringing.len() {
+            1 => String::new(),
+            n => format!(" and fewer in {} other files", n - 1),
+        };
+        console.note(format!(
+            "{path}: {count} vertices{others} have a negative channel (ringing of the band-limited light), shown as 0; \
+             --window softens it"
+        ));
+    }
     for w in written {
         for note in &w.notes {
             console.note(note);
-        }
-        if w.negative > 0 {
-            console.note(format!(
-                "{}: {} vertices have a negative channel (ringing of the band-limited light), shown as 0; --window softens it",
-                w.target.path.display(),
-                text::count(w.negative)
-            ));
         }
         if w.remainder > 0.0 {
             console.note(format!(

@@ -27,12 +27,12 @@ use std::path::PathBuf;
 ///
 /// Radiance is path traced at many points of the volume, each on its own level set, and spread over the texels of a 3D
 /// texture by Shepard's weights: the texture route of the thesis, which knows one light and no transfer. The samples are
-/// placed in several ways; each texture is read at random vertices of one isosurface and held against path tracing there.
+/// placed in several ways; each texture is read at random vertices of one isosurface and compared with path tracing.
 /// Writes placements.csv and placements.json.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume study placements examples/scenes/box.toml --isovalue 47
-  isolume study placements bumpbox:64 --isovalue 47 --env courtyard --samples 10000,100000")]
+  isolume study placements bumpbox:64 --isovalue 47 --env sky --samples 10000,100000")]
 pub(super) struct PlacementsArgs {
     /// Scene (.toml), volume file or field
     #[arg(value_name = "SCENE|VOLUME")]
