@@ -30,7 +30,7 @@ use std::time::{Duration, Instant};
   isolume bake bumpbox:128 --isovalues 30,60 --error 1% -o bumps.isolume
   isolume bake brain.nii.gz --time 90s -o brain.isolume
   isolume bake brain.nii.gz --isovalues 90 --auto 2m -o brain.isolume
-  isolume bake brain.nii.gz --chunks 1/2 -o brain.isolume   (and 2/2 on another machine; see merge)
+  isolume bake brain.nii.gz --chunks 1/2 -o one.isolume    (see merge)
   isolume bake brain.nii.gz --replay-texel 90,120,80")]
 pub(super) struct Bake {
     /// Volume file, a field such as bumpbox or gyroid:128, or a scene (.toml)

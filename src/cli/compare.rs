@@ -29,7 +29,8 @@ use std::time::{Duration, Instant};
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume compare brain.isolume --isovalue 90 --env courtyard --env sunset
-  isolume compare brain.isolume --isovalue 90 --env courtyard --against photon --png brain.png --glb brain.glb")]
+  isolume compare brain.isolume --isovalue 90 --env courtyard --png brain.png
+  isolume compare brain.isolume --isovalue 90 --env sky --against photon")]
 pub(super) struct Compare {
     /// The store
     #[arg(value_name = "X.isolume")]
@@ -58,7 +59,7 @@ pub(super) struct Compare {
     /// Paths for each texel of the budget's exact texels, a power of two
     #[arg(long, value_name = "N", default_value = "1024", value_parser = super::options::parse_rays)]
     texel_rays: u32,
-    /// Who is the reference of the pictures; photon also compares with photons
+    /// Reference of the pictures: path tracing, or photon mapping, which is then compared too
     #[arg(long, value_enum, default_value = "path")]
     against: Against,
     #[command(flatten)]
@@ -150,8 +151,8 @@ impl Compare {
         }
         console.print(table(&rows));
         console.print(format!(
-            "\n{} vertices, {} paths each; all figures over the mean radiance of the reference. ± is half of the 95 % interval\n\
-             over the vertices. RMS %: after the reference's exposure, clamped to [0, 1], as Beason (2005) measured.",
+            "\n{} vertices, {} paths each; all figures over the mean radiance of the reference. ± is half of the \
+             95 % interval over the vertices. RMS %: after the reference's exposure, clamped to [0, 1], as Beason (2005) measured.",
             self.points, self.paths
         ));
         console.print(format!("\nWhy: shares of the mean square of the difference\n{}", budget(&rows)));

@@ -44,7 +44,7 @@ impl Console {
     /// Prints a result for people; nothing under `--json`.
     pub(super) fn print(&self, text: impl std::fmt::Display) {
         if !self.json {
-            self.keep(writeln!(io::stdout(), "{text}"));
+            self.keep(writeln!(io::stdout(), "{}", text::fitted(&text.to_string())));
         }
     }
 
@@ -99,13 +99,13 @@ impl Console {
     /// Something the user should know.
     pub(super) fn note(&self, text: impl std::fmt::Display) {
         if !self.quiet {
-            let _ = writeln!(io::stderr(), "note: {text}");
+            let _ = writeln!(io::stderr(), "{}", text::fitted(&format!("note: {text}")));
         }
     }
 
     /// Why the command failed; for machines too, unless they have been told a result already.
     pub(super) fn error(&self, failure: &Failure) {
-        let _ = writeln!(io::stderr(), "error: {failure}");
+        let _ = writeln!(io::stderr(), "{}", text::fitted(&format!("error: {failure}")));
         if !self.told.get() {
             self.print_json(&serde_json::json!({ "error": failure.to_json() }));
         }

@@ -41,7 +41,7 @@ const RAYS: u32 = 64;
 /// From the front left and a little above.
 const VIEW: &str = "30,15";
 /// Brings the brightest part of the environments before the brain.
-const ROTATE: &str = "150";
+const ROTATE: &str = "240";
 const SIZE: &str = "376x324";
 
 impl Demo {
@@ -51,19 +51,20 @@ impl Demo {
         let volume = read(VOLUME, &ReadHint { name: VOLUME_NAME.into(), ..ReadHint::default() })?;
         let d = volume.dims();
         let [outer, inner] = ISOVALUES;
-        console.print(format!(
+        console.summary(format!(
             "1. A brain: {VOLUME_NAME}, {} × {} × {} samples, from inside the program (© Louis Collins, McConnell\n   \
              Brain Imaging Centre, McGill University).",
             d[0], d[1], d[2]
         ));
         let store = self.out.join("brain.isolume");
-        console.print(format!(
+        console.summary(format!(
             "\n2. Bake: the transfer of light at the texels that the isosurfaces {outer} and {inner} look up, {RAYS} rays\n   \
              each, 4 layers (direct light and 3 bounces). No light is chosen yet."
         ));
         let (lines, json, seconds_bake) = bake(&volume, &store, seed, console)?;
-        console.print(indent(&lines));
-        console.print("\n3. Relight: environments multiplied with what is stored; nothing is traced but camera rays.");
+        console.summary(indent(&lines));
+        console
+            .summary("\n3. Relight: environments multiplied with what is stored; nothing is traced but camera rays.");
         let mut lit = Vec::new();
         for (isovalue, environments) in [(outer, &ENVIRONMENTS[..]), (inner, &ENVIRONMENTS[2..])] {
             for suffix in ["glb", "png"] {
@@ -71,7 +72,7 @@ impl Demo {
                 lit.push(done);
             }
         }
-        let mut rows = vec![["file", "isovalue", "light", "time", "error"].map(String::from).to_vec()];
+        let mut rows = vec![["file", "isovalue", "light", "time", "noise"].map(String::from).to_vec()];
         for file in lit.iter().flat_map(|l| &l.files) {
             rows.push(vec![
                 file.target.path.display().to_string(),
@@ -81,15 +82,15 @@ impl Demo {
                 text::percent(file.rms_over_mean),
             ]);
         }
-        console.print(indent(&text::table(&rows)));
+        console.summary(indent(&text::table(&rows)));
         let transport_rays: u64 = lit.iter().map(|l| l.transport_rays).sum();
-        console.print(format!(
-            "   transport rays: {transport_rays}; error: standard error of the radiance, RMS over the vertices, over its mean"
+        console.summary(format!(
+            "   transport rays: {transport_rays}; noise: standard error of the radiance, RMS over the vertices, over its mean"
         ));
         let sheet = self.out.join("sheet.png");
         write_sheet(&lit, &sheet)?;
         let seconds = start.elapsed();
-        console.print(format!(
+        console.summary(format!(
             "\n4. All on one sheet: {}\n\nDone in {}. Open the .glb files in any glTF viewer; then try your own volume:\n  \
              isolume info FILE\n  isolume relight FILE --isovalue auto --env courtyard -o surface.glb",
             sheet.display(),
@@ -132,10 +133,29 @@ impl Demo {
             line.extend(["--view", VIEW, "--size", SIZE]);
         }
         line.extend(["-o", &output]);
-        console.print(format!("   $ {}", line.join(" ")));
+        console.summary(format!("   $ {}", command_lines(&line)));
         let relight = parse(&line)?;
         relight.execute(seed, console)
     }
+}
+
+/// A command on lines that fit, as a shell takes them.
+fn command_lines(words: &[&str]) -> String {
+    const INDENT: &str = "       ";
+    let mut lines = vec![String::new()];
+    for word in words {
+        let option = word.starts_with('-');
+        if let Some(line) = lines.last_mut() {
+            // An option stays with its value.
+            if option && line.chars().count() > text::WIDTH - 36 {
+                lines.push(format!("{INDENT}{word}"));
+            } else {
+                line.push_str(if line.is_empty() { "" } else { " " });
+                line.push_str(word);
+            }
+        }
+    }
+    lines.join(" \\\n")
 }
 
 fn parse(line: &[&str]) -> Outcome<Box<Relight>> {
@@ -158,7 +178,7 @@ fn bake(volume: &Volume, store: &Path, seed: u64, console: &Console) -> Outcome<
     let job = Job { isovalues: Some(isovalues), start, ..Job::new(volume, VOLUME_NAME, layout, settings, &effects) };
     let (_, report) = fill(&job, store, console)?;
     let bytes = size_on_disk(store);
-    Ok((report.lines(bytes), report.json(bytes), start.elapsed().as_secs_f64()))
+    Ok((report.summary_line(bytes), report.json(bytes), start.elapsed().as_secs_f64()))
 }
 
 fn write_sheet(lit: &[Relit], path: &Path) -> Outcome {

@@ -41,7 +41,7 @@ pub(super) struct Doctor {
 }
 
 /// Columns of text that lines are broken at.
-const WIDTH: usize = 100;
+const WIDTH: usize = text::WIDTH;
 
 /// What a file turned out to be.
 enum Kind {

@@ -147,8 +147,9 @@ fn show(probe: &Probe, bands: usize, console: &Console) -> Outcome {
         });
         rows.push(vec![name.into(), text]);
     }
-    let energy: Vec<String> = r.energy.iter().map(|e| format!("{:.1}", 100.0 * e.fraction)).collect();
-    rows.push(vec!["energy".into(), format!("{} % in degrees 0 to {}", energy.join(" "), energy.len() - 1)]);
+    rows.push(vec!["energy".into(), energy(&r)]);
+    let frame = "the image's centre (azimuth 0°) is glTF +X, +Z is three quarters from the left (azimuth -90°)";
+    rows.push(vec!["frame".into(), frame.into()]);
     let bad = &r.bad_pixels;
     rows.push(vec![
         "bad pixels".into(),
@@ -163,7 +164,7 @@ fn show(probe: &Probe, bands: usize, console: &Console) -> Outcome {
         rows.push(vec!["note".into(), note.text.clone()]);
     }
     console.print(text::table(&rows));
-    console.print("coefficients in the glTF frame (y up; the image's centre is +x), r g b:");
+    console.print("coefficients in the glTF frame (y up), r g b:");
     for l in 0..bands {
         for i in l * l..(l + 1) * (l + 1) {
             let m = i as isize - (l * (l + 1)) as isize;
@@ -172,6 +173,19 @@ fn show(probe: &Probe, bands: usize, console: &Console) -> Outcome {
         }
     }
     Ok(())
+}
+
+/// Energy by degree. Of small lamps all degrees together have too little to be told apart.
+fn energy(r: &Report) -> String {
+    let last = r.energy.len() - 1;
+    if r.energy.iter().all(|e| e.fraction < 5e-4) && r.mean_luminance > 0.0 {
+        return format!(
+            "below 0.1 % in each of the degrees 0 to {last}: nearly all comes from small lamps, which a few bands blur \
+             (--sun-split lights the largest directly)"
+        );
+    }
+    let parts: Vec<String> = r.energy.iter().map(|e| format!("{:.1}", 100.0 * e.fraction)).collect();
+    format!("{} % in degrees 0 to {last}", parts.join(" "))
 }
 
 fn project(probe: &Probe, bands: usize, output: Option<&Path>, console: &Console) -> Outcome {
@@ -192,7 +206,7 @@ fn project(probe: &Probe, bands: usize, output: Option<&Path>, console: &Console
             atomic::write(path, |w| {
                 std::io::Write::write_all(w, text.as_bytes()).map_err(|e| Error::io("", "write", e))
             })?;
-            console.print(format!("{}: {} coefficients", path.display(), bands * bands));
+            console.summary(text::file_line(path, &format!("{} coefficients", bands * bands)));
             console.print_json(&value);
         }
         None if console.is_json() => console.print_json(&value),
@@ -225,7 +239,7 @@ fn rotate(probe: &Probe, degrees: f64, output: &Path, console: &Console) -> Outc
         let encoder = image::codecs::hdr::HdrEncoder::new(w);
         encoder.encode(&pixels, width, height).map_err(|e| Error::io("", "write", std::io::Error::other(e)))
     })?;
-    console.print(format!("{}: {width} × {height}, turned by {degrees}°", output.display()));
+    console.summary(text::file_line(output, &format!("{width} × {height}, turned by {degrees}°")));
     console.print_json(
         &json!({ "path": output.display().to_string(), "width": width, "height": height, "degrees": degrees }),
     );

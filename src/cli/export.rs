@@ -135,12 +135,13 @@ impl Export {
         };
         write(&self.output, format, &field)?;
         let bytes = std::fs::metadata(&self.output).map_or(0, |m| m.len());
-        console.print(format!(
-            "{}  {mx} × {my} × {mz} texels, {} with a level set, {} filled from neighbours; {}",
-            self.output.display(),
+        let what = format!("{mx} × {my} × {mz} texels, {}", text::bytes(bytes as f64));
+        console.summary(text::file_line(&self.output, &what));
+        console.summary(format!(
+            "{} with a level set, {} filled from neighbours; exposure {:+.2} EV",
             text::count(lit.len() as u64),
             text::count(filled),
-            text::bytes(bytes as f64)
+            exposure.log2()
         ));
         console.print_json(&json!({
             "path": self.output.display().to_string(), "bytes": bytes, "texels": [mx, my, mz], "valid": lit.len(),

@@ -40,7 +40,8 @@ impl Info {
         let suggested = Isovalue::Auto.resolve(volume, opened.default_isovalue).ok();
         let mut rows = volume_rows(volume);
         rows.push(row("values", format!("{} to {}", text::number(low, 8), text::number(high, 8))));
-        rows.push(row("histogram", format!("{}  (root of the counts)", text::sparkline(&histogram))));
+        rows.push(row("histogram", text::sparkline(&histogram)));
+        rows.push(row("", "square root of the counts, over the range of the values".into()));
         if let Some(chosen) = &suggested {
             let reason = chosen.reason.as_deref().unwrap_or_default();
             rows.push(row("isovalue", format!("{} ({reason})", text::number(chosen.value, 6))));
@@ -72,6 +73,7 @@ impl Info {
             "world_box": { "min": bounds.min.to_array(), "max": bounds.max.to_array() },
             "left_handed": volume.world_from_grid().is_left_handed(),
             "up": volume.up.name(),
+            "anatomical": volume.up.is_anatomical(),
             "solid": solid_name(volume.solid),
             "range": [low, high],
             "histogram": histogram,
@@ -122,6 +124,7 @@ fn volume_rows(volume: &Volume) -> Vec<Vec<String>> {
         (slope, inter) => format!(", value = {slope} · sample + {inter}"),
     };
     let hand = if volume.world_from_grid().is_left_handed() { "left-handed grid" } else { "right-handed grid" };
+    let front = if volume.up.is_anatomical() { ", anterior (+y) is the front" } else { "" };
     vec![
         row("name", volume.name.clone()),
         row("samples", format!("{} × {} × {} {}{scaling}", d[0], d[1], d[2], volume.samples().type_name())),
@@ -135,7 +138,7 @@ fn volume_rows(volume: &Volume) -> Vec<Vec<String>> {
             ),
         ),
         row("world box", format!("{} to {}", point(bounds.min), point(bounds.max))),
-        row("orientation", format!("{hand}, {} is up; solid is {}", volume.up.name(), solid_name(volume.solid))),
+        row("orientation", format!("{hand}, {} is up{front}; solid is {}", volume.up.name(), solid_name(volume.solid))),
     ]
 }
 

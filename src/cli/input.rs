@@ -30,7 +30,7 @@ impl From<SolidSide> for Solid {
 /// How a volume is to be understood.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(super) struct VolumeArgs {
-    /// Which side of the isovalue is matter [default: above]
+    /// Which side of the isovalue is solid [default: above]
     #[arg(long, value_enum, value_name = "SIDE")]
     pub(super) solid: Option<SolidSide>,
     /// The world axis that points up: x, y, z, -x, -y, -z [default: z]
@@ -39,8 +39,8 @@ pub(super) struct VolumeArgs {
     /// Read files that lie outside the folder of the file that names them (NRRD `data file`, raw sidecars)
     #[arg(long)]
     pub(super) allow_outside: bool,
-    /// What decides the front: the grid's axes, or a patient's frame, whose front is anterior [default: anatomical
-    /// for NIfTI with a transform code and NRRD with a patient's space, else grid]
+    /// Front of views and of glTF: -y of the file where z is up, or anterior [default: anatomical for NIfTI with a
+    /// transform code and for NRRD with a patient's space, else grid]
     #[arg(long, value_enum, value_name = "FRAME")]
     pub(super) frame_of: Option<FrameOf>,
 }

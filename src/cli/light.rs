@@ -28,7 +28,7 @@ pub(super) struct LightArgs {
     /// Soften the band-limited light, against ringing
     #[arg(long, value_enum, default_value = "none")]
     pub(super) window: WindowName,
-    /// Split the dominant lamp off the environment and light it directly, by visibility rays: sharp shadows, no ringing
+    /// Light the dominant lamp apart from the environment, by visibility rays: sharp shadows, no ringing
     #[arg(long)]
     pub(super) sun_split: bool,
     /// Factor on the power of a luminaire of a scene, one number or three for red, green and blue, such as ceiling=2

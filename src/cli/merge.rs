@@ -66,7 +66,8 @@ impl Merge {
             json_rows.push(json!({ "store": file_name(&name), "taken": report.taken, "kept": report.kept }));
         }
         let bytes = baking::size_on_disk(&self.output);
-        console.print(format!("{}\n{}", text::table(&rows), text::bytes(bytes as f64)));
+        console.summary(text::file_line(&self.output, &text::bytes(bytes as f64)));
+        console.detail(text::table(&rows));
         console.print_json(&json!({ "stores": json_rows, "store_bytes": bytes }));
         Ok(())
     }

@@ -71,7 +71,7 @@ use std::process::ExitCode;
 
 /// Precomputed light transfer on every isosurface of a volume: bake once, relight by any environment.
 #[derive(Parser)]
-#[command(name = "isolume", version, after_help = "Start with:\n  isolume demo")]
+#[command(name = "isolume", version, max_term_width = 80, after_help = "Start with:\n  isolume demo")]
 struct Cli {
     #[command(flatten)]
     common: Common,

@@ -54,7 +54,7 @@ pub(super) struct BakeArgs {
     /// Bake only the texels that these isosurfaces need: numbers, percentages, auto
     #[arg(long, value_name = "C[,C…]", value_delimiter = ',', allow_hyphen_values = true)]
     pub(super) isovalues: Vec<Isovalue>,
-    /// Who computes the transfer
+    /// Estimator of the transfer
     #[arg(long, value_enum, default_value = "path")]
     pub(super) estimator: Estimator,
 }

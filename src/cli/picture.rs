@@ -47,20 +47,16 @@ impl Viewpoint {
     pub(super) fn describe(self, up: Up) -> String {
         let View { azimuth, elevation } = self.view(up);
         let angles = format!("azimuth {azimuth}°, elevation {elevation}°");
-        let Self::Named(name) = self else { return format!("view from {angles}") };
+        let Self::Named(name) = self else { return format!("view {angles}") };
         let side = match name {
-            "front" => "anterior",
-            "back" => "posterior",
-            "left" => "the patient's left",
-            "right" => "the patient's right",
-            "top" => "superior",
-            "bottom" => "inferior",
-            _ => "anterior and left, above",
+            "front" => ", anterior",
+            "back" => ", posterior",
+            "left" | "right" => ", the patient's",
+            "top" => ", superior",
+            "bottom" => ", inferior",
+            _ => ", front left",
         };
-        match up.is_anatomical() {
-            true => format!("view {name} (from {side}; {angles})"),
-            false => format!("view {name} ({angles})"),
-        }
+        format!("view {name}{} ({angles})", if up.is_anatomical() { side } else { "" })
     }
 }
 

@@ -159,17 +159,20 @@ impl Plan {
 
 /// The plan as a table.
 pub(super) fn table(plan: &scene::Plan) -> String {
-    let header = ["effect", "", "setting", "cost", "error of what is dropped", "reason"].map(String::from).to_vec();
+    let header = ["effect", "", "cost", "setting, reason, and error of what is dropped"].map(String::from).to_vec();
     let mut rows = vec![header];
     for effect in &plan.effects {
         let kind = if effect.estimated { "estimate" } else { "bound" };
         rows.push(vec![
             effect.name.into(),
             if effect.on { "on" } else { "off" }.into(),
-            effect.setting.clone(),
             if effect.cost_share > 0.0 { format!("{:.0} %", 100.0 * effect.cost_share) } else { "-".into() },
-            effect.error.map_or("-".into(), |e| format!("{} ({kind})", text::percent(e))),
-            effect.reason.clone(),
+            match effect.error {
+                Some(error) => {
+                    format!("{}: {}; error {} ({kind})", effect.setting, effect.reason, text::percent(error))
+                }
+                None => format!("{}: {}", effect.setting, effect.reason),
+            },
         ]);
     }
     text::table(&rows)

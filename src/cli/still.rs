@@ -173,7 +173,7 @@ impl Still<'_> {
         let (name, in_named) = bar_unit(self.volume.unit);
         let (length, pixels) = round_length(units * in_named, width as f64 * 0.2);
         let label = format!("{} {name}", text::number(length, 4));
-        let scale = (height / 400).max(1);
+        let scale = (height / 300).max(1);
         let (left, thick) = (width / 40 + 1, (height / 240).max(1));
         let bottom = height - (height / 30).max(thick + 1);
         let top = bottom.saturating_sub(font::height(&label, scale) + 2 * thick + scale);

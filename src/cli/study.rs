@@ -30,7 +30,8 @@ use std::io::Write as _;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Show what accuracy costs in time: bake one surface in many ways and hold each against paths
+/// Show what accuracy costs in time: bake one surface in many ways and compare each with
+/// path tracing
 ///
 /// The texels of one isosurface are baked with more and more rays, with fewer bands and layers, on coarser textures and
 /// with other estimators. Each is timed and compared, at random vertices, with unbiased paths under the same

@@ -14,6 +14,7 @@ use crate::transport::SurfacePoint;
 use crate::volume::{LengthUnit, Sample, Volume};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
 /// An isosurface and what is needed to light it.
@@ -25,6 +26,8 @@ pub(super) struct Surface {
     normals: Vec<Vec3>,
     /// Bricks that lookups on it read.
     pub(super) bricks: Vec<[usize; 3]>,
+    /// Share of the vertices where the surface bends too much within a texel, of a texture coarser than the data.
+    pub(super) below_a_texel: f64,
     pub(super) extract_time: Duration,
     pub(super) select_time: Duration,
 }
@@ -44,7 +47,9 @@ impl Surface {
         let extract_time = start.elapsed();
         let start = Instant::now();
         let bricks = texels_of_isosurface(volume, lattice, isovalue).bricks();
-        Ok(Self { isovalue, mesh, positions, normals, bricks, extract_time, select_time: start.elapsed() })
+        let below_a_texel = below_a_texel(&mesh, lattice);
+        let select_time = start.elapsed();
+        Ok(Self { isovalue, mesh, positions, normals, bricks, below_a_texel, extract_time, select_time })
     }
 
     /// Random vertices, with replacement; none of an empty surface.
@@ -120,6 +125,25 @@ impl Surface {
         let points = self.positions.iter().map(|p| p.as_dvec3() + all.centre()).chain(self.solid_corners(volume));
         Camera::framing_points(points, up, view, projection, aspect)
     }
+}
+
+/// Share of the vertices in cells of a coarse texture within which normals differ so much that their mean is shorter than
+/// 0.8: what they cover is then a cap of more than 53° about its middle, or two sides of a thin shell. 0 for a texture that is
+/// as fine as the data.
+fn below_a_texel(mesh: &Mesh, lattice: Lattice) -> f64 {
+    const SHORTEST_MEAN: f32 = 0.8;
+    let steps = [0, 1, 2].map(|axis| lattice.step(axis));
+    if steps.iter().all(|&step| step <= 1.0) || mesh.normals.is_empty() {
+        return 0.0;
+    }
+    let mut cells: HashMap<[u32; 3], (Vec3, u32)> = HashMap::new();
+    for (position, normal) in mesh.positions_in_grid.iter().zip(&mesh.normals) {
+        let cell = std::array::from_fn(|a| (f64::from(position[a]) / steps[a].max(1.0)) as u32);
+        let (sum, count) = cells.entry(cell).or_default();
+        (*sum, *count) = (*sum + Vec3::from_array(*normal), *count + 1);
+    }
+    let bent = cells.values().filter(|(sum, count)| sum.length() < SHORTEST_MEAN * *count as f32);
+    bent.map(|(_, count)| f64::from(*count)).sum::<f64>() / mesh.normals.len() as f64
 }
 
 impl Surface {

@@ -70,8 +70,11 @@ pub(super) fn percent(share: f64) -> String {
 pub(super) const WIDTH: usize = 80;
 
 /// Words in lines of at most [`WIDTH`] columns; those after the first begin with `indent` spaces, and the first is taken to
-/// begin at column `from`. A longer word stays whole.
+/// begin at column `from`. A longer word stays whole, and so does a text that fits.
 pub(super) fn wrapped(text: &str, from: usize, indent: usize) -> String {
+    if from + text.chars().count() <= WIDTH {
+        return text.into();
+    }
     let mut out = String::new();
     let mut column = from;
     for word in text.split_whitespace() {
@@ -91,33 +94,74 @@ pub(super) fn wrapped(text: &str, from: usize, indent: usize) -> String {
     out
 }
 
+/// Each line of a text in lines of at most [`WIDTH`] columns, those after its first two columns further in.
+pub(super) fn fitted(text: &str) -> String {
+    let line = |line: &str| {
+        let indent = line.len() - line.trim_start().len();
+        format!("{}{}", &line[..indent], wrapped(&line[indent..], indent, indent + 2))
+    };
+    text.split('\n').map(line).collect::<Vec<_>>().join("\n")
+}
+
 /// A file that was written, and what is in it.
 pub(super) fn file_line(path: &std::path::Path, what: &str) -> String {
     wrapped(&format!("{}: {what}", path.display()), 0, 2)
 }
 
-/// Names and what there is to say of them, in two columns, the second in as many lines as it needs.
-pub(super) fn details(rows: &[(String, String)]) -> String {
-    let column = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0) + 2;
-    let row = |(name, text): &(String, String)| {
-        let gap = " ".repeat(column - name.chars().count());
-        let lines: Vec<String> = text.lines().map(|line| wrapped(line, column, column)).collect();
-        format!("{name}{gap}{}", lines.join(&format!("\n{}", " ".repeat(column)))).trim_end().to_string()
-    };
-    rows.iter().map(row).collect::<Vec<_>>().join("\n")
+/// Rows of cells in columns, two spaces apart, in at most [`WIDTH`] columns: where they do not fit, the last column is
+/// wrapped if that leaves room for words, else the table is transposed, as many records side by side as fit.
+pub(super) fn table(rows: &[Vec<String>]) -> String {
+    let widths = widths(rows);
+    let before: usize = widths.iter().rev().skip(1).map(|w| w + GAP).sum();
+    if before + widths.last().unwrap_or(&0) <= WIDTH || before + MOST_WORDS <= WIDTH {
+        return in_columns(rows, &widths);
+    }
+    let Some((head, records)) = rows.split_first() else { return String::new() };
+    let mut groups = Vec::new();
+    let mut rest = records;
+    while !rest.is_empty() {
+        let transposed = |count: usize| -> Vec<Vec<String>> {
+            let cell = |row: &Vec<String>, c: usize| row.get(c).cloned().unwrap_or_default();
+            let line = |c: usize| std::iter::once(head[c].clone()).chain(rest[..count].iter().map(move |r| cell(r, c)));
+            (0..head.len()).map(|c| line(c).collect()).collect()
+        };
+        let fits = |count: &usize| widths_sum(&transposed(*count)) <= WIDTH;
+        let count = (1..=rest.len()).take_while(fits).last().unwrap_or(1);
+        let group = transposed(count);
+        groups.push(in_columns(&group, &self::widths(&group)));
+        rest = &rest[count..];
+    }
+    groups.join("\n\n")
 }
 
-/// Rows of cells in columns, two spaces apart; the last column is not padded.
-pub(super) fn table(rows: &[Vec<String>]) -> String {
+/// Columns between cells.
+const GAP: usize = 2;
+/// Columns that a wrapped column of words needs.
+const MOST_WORDS: usize = 34;
+
+fn widths(rows: &[Vec<String>]) -> Vec<usize> {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |c: usize| rows.iter().filter_map(|r| r.get(c)).map(|s| s.chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..columns).map(width).collect();
+    (0..columns).map(width).collect()
+}
+
+fn widths_sum(rows: &[Vec<String>]) -> usize {
+    let widths = widths(rows);
+    widths.iter().sum::<usize>() + GAP * widths.len().saturating_sub(1)
+}
+
+/// Cells in columns of given widths; the last one is wrapped where it does not fit.
+fn in_columns(rows: &[Vec<String>], widths: &[usize]) -> String {
     let line = |row: &Vec<String>| {
         let mut text = String::new();
+        let mut column = 0;
         for (c, cell) in row.iter().enumerate() {
-            text.push_str(cell);
-            if c + 1 < row.len() {
-                text.push_str(&" ".repeat(widths[c] - cell.chars().count() + 2));
+            if c + 1 < widths.len() {
+                text.push_str(cell);
+                text.push_str(&" ".repeat(widths[c] - cell.chars().count() + GAP));
+                column += widths[c] + GAP;
+            } else {
+                text.push_str(&wrapped(cell, column, column));
             }
         }
         text.trim_end().to_string()

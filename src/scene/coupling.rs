@@ -1,8 +1,8 @@
 //! Which isovalues of several volumes are shown together.
 //!
 //! A ray carries one isovalue for life. Where several volumes light each other it carries one for each, and those must
-//! be functions of each other: the coupling says which. After Beason (2005), who shows two fields lit together at the same
-//! normalised isovalue and at chosen pairs; we add equal isovalues, for volumes whose values mean the same.
+//! be functions of each other: the coupling says which. Beason (2005) shows two fields lit together; the same fraction of
+//! each range, chosen pairs, and equal isovalues, for volumes whose values mean the same, are ours.
 
 use crate::error::{Error, Result};
 

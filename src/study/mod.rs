@@ -1,4 +1,4 @@
-//! What accuracy costs: one surface under one light, baked in many ways, each held against the same reference.
+//! What accuracy costs: one surface under one light, baked in many ways, each compared with the same reference.
 //!
 //! A [`Study`] fixes volume, isovalue, light, albedo and points of the surface. Its reference is made once: paths at the
 //! points under the whole light and under the light cut to each number of bands, and texels of many paths on each

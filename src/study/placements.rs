@@ -3,7 +3,7 @@
 //! Beason (2005) computes radiance at many points of the volume, each on its own level set, and scatters it into a 3D
 //! texture ([`crate::transport::scatter`]). How well any isosurface is lit then depends on where the samples lie. Here
 //! samples are placed in several ways ([`Placement`]), their radiance is path traced in the whole scene, and the texture is
-//! read at points of one isosurface and held against path tracing at those points.
+//! read at points of one isosurface and compared with path tracing at those points.
 //!
 //! # What the error is of
 //! Everything between a point of the isosurface and its colour from the texture: trilinear interpolation between texels,
@@ -13,10 +13,10 @@
 //! alone, the least that a texture of this resolution gives at so many paths.
 //!
 //! # Where we differ from the thesis
-//! Radiance of samples comes from path tracing, not from photons. His radius D is not printed: ours is that of a ball which
-//! holds a given number of samples in the mean, so that it shrinks as samples grow in number. He measured pictures, with the
-//! walls around; we measure vertices of the isosurface alone. Only samples that matter for the points are traced: the
-//! others change no bit of the result.
+//! Radiance of samples comes from path tracing, not from photons. His D is in texels, "usually 3 or 4": a sample reaches the
+//! cube of (2D+1)³ texels around its nearest texel (section 4.4). Ours is the radius of a ball which holds a given number of
+//! samples in the mean, so that it shrinks as samples grow in number. The measure is his: vertices of the isosurface
+//! (section 4.6, table 4.2). Only samples that matter for the points are traced: the others change no bit of the result.
 
 mod place;
 

@@ -16,7 +16,7 @@ pub(super) enum Openness<'f, 'v, T> {
     Everywhere,
     /// Those for which it is proven.
     Proven(Horizon<'f, 'v, T>),
-    /// Nobody asks.
+    /// Not tested: every texel is traced.
     Unasked,
 }
 

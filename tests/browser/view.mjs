@@ -182,6 +182,7 @@ for (const store of stores) {
   check(error < 1e-4, `its coefficients are the program's, within ${error.toExponential(1)} of the first`);
 
   if (store === stores[0]) await otherFiles(page);
+  await shown(page);
 
   await page.evaluate(() => { window.isolume.update({ fixedSize: null, autoExposure: true, background: "theme", zoom: 1.25 }); window.isolume.draw(); });
   const speed = await page.evaluate(() => window.isolume.measure());
@@ -255,6 +256,39 @@ async function otherFiles(page) {
     const asked = (await counters(page)).requests - before.requests;
     check(asked === requests && error < 0.01, `${name}: ${asked ? "read by the program" : "read in the page"}, mean light within ${error.toExponential(1)} of the embedded courtyard`);
   }
+}
+
+/** Exposure, silhouettes, and an isovalue that no surface has. */
+async function shown(page) {
+  await page.evaluate(() => window.isolume.update({ fixedSize: null, autoExposure: true, background: "black", environment: 0 }));
+  for (const rotation of [0, 120]) {
+    const found = await page.evaluate((rotation) => {
+      const { isolume } = window;
+      isolume.update({ rotation });
+      isolume.draw();
+      const [width, height] = [330, 216];
+      const numbers = isolume.renderer.read(isolume.view(), width, height, 6, 4);
+      const white = 1 / (isolume.renderer.norm * 2 ** isolume.state.exposure);
+      let covered = 0, clipped = 0;
+      const levels = new Set();
+      for (let i = 0; i < numbers.length; i += 4) {
+        if (numbers[i + 3] > 0) covered++;
+        if (numbers[i + 3] > 0 && Math.max(numbers[i], numbers[i + 1], numbers[i + 2]) > white) clipped++;
+        levels.add(Math.round(16 * numbers[i + 3]));
+      }
+      return { share: clipped / covered, levels: levels.size };
+    }, rotation);
+    check(found.share <= 0.01, `automatic exposure cuts off ${(100 * found.share).toFixed(2)} % of what it shows, light turned by ${rotation}°`);
+    check(found.levels > 10, `silhouettes have ${found.levels} of 17 levels of coverage`);
+  }
+  const [high, before] = await page.evaluate(() => [window.isolume.header.volume.range[1], window.isolume.state.isovalue]);
+  await page.fill("#isovalueNumber", String(2 * Math.abs(high) + 1));
+  await page.press("#isovalueNumber", "Enter");
+  const message = await page.textContent("#message");
+  check(message.startsWith("no surface at ") && message.includes("the range is"), `an isovalue out of range: ${message}`);
+  check((await page.evaluate(() => window.isolume.state.isovalue)) === before, "what was shown stays");
+  await page.evaluate((isovalue) => window.isolume.update({ isovalue }), before);
+  check((await page.textContent("#message")) === "", "the message goes with the next surface");
 }
 
 /** Names, keyboard and contrast. */

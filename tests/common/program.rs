@@ -45,7 +45,7 @@ impl Bench {
     /// Runs a line: its exit code, standard output and standard error.
     pub fn outcome(&self, line: &str) -> (i32, String, String) {
         let output = self.command(line).output().expect("the program runs");
-        let text = |bytes| String::from_utf8(bytes).expect("text");
+        let text = |bytes| joined(&String::from_utf8(bytes).expect("text"));
         (output.status.code().expect("an exit code"), text(output.stdout), text(output.stderr))
     }
 
@@ -54,7 +54,7 @@ impl Bench {
     pub fn refuses(&self, line: &str) -> String {
         let before = self.names();
         let output = self.command(line).assert().code(1).get_output().clone();
-        let text = String::from_utf8(output.stderr).expect("text");
+        let text = joined(&String::from_utf8(output.stderr).expect("text"));
         assert_eq!(text.lines().filter(|l| l.starts_with("error: ")).count(), 1, "{line}: {text}");
         assert_eq!(self.names(), before, "{line} left something behind");
         text
@@ -79,6 +79,11 @@ impl Bench {
     pub fn bytes(&self, name: &str) -> Vec<u8> {
         std::fs::read(self.path(name)).expect("a file")
     }
+}
+
+/// Lines that were broken to fit are whole again.
+pub fn joined(text: &str) -> String {
+    text.replace("\n  ", " ")
 }
 
 /// Everything below a folder.

@@ -116,7 +116,7 @@ impl Hints {
     }
 }
 
-/// Who computes the transfer.
+/// An estimator of the transfer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum Estimator {
     /// Path tracing within each level set: unbiased

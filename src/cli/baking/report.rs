@@ -49,13 +49,14 @@ impl Report {
         if self.chunks_baked == 0 {
             return format!("nothing to bake, all {} chunks are there", self.chunks_kept);
         }
+        let noise = s.escape_stderr_rms();
+        let noise = if noise > 0.0 { format!("; noise {} RMS", text::number(noise, 2)) } else { String::new() };
         format!(
-            "{} texels, {}rays in {}, {}; noise {} RMS (1 = open to all light)",
+            "{} texels, {}rays in {}, {}{noise}",
             text::count(s.texels),
             text::metric(s.counts.rays as f64),
             text::duration(self.trace),
             text::bytes(store_bytes as f64),
-            text::number(s.escape_stderr_rms(), 2)
         )
     }
 
@@ -136,16 +137,18 @@ impl Report {
                 ),
             ),
         ];
-        let mut rows: Vec<_> = rows.into_iter().map(|(name, value)| (name.to_string(), value)).collect();
+        let mut rows: Vec<_> = rows.into_iter().map(|(name, value)| vec![name.to_string(), value]).collect();
         if let Some(bias) = &self.bias {
-            rows.insert(7, ("bias".into(), bias_line(bias)));
+            rows.insert(7, vec!["bias".into(), bias_line(bias)]);
         }
         if let Some(photons) = &self.photons {
-            rows.insert(1, ("photons".into(), photons.in_words()));
+            rows.insert(1, vec!["photons".into(), photons.in_words()]);
         }
         // Among walls the chances are not those of the volume alone.
-        rows.retain(|(name, _)| self.scene.is_none() || name != "mean a_k");
-        text::details(&rows)
+        rows.retain(|row| self.scene.is_none() || row[0] != "mean a_k");
+        // Where no path reaches the environment there is no noise of it.
+        rows.retain(|row| s.errors.quantile(1.0) > 0.0 || row[0] != "noise");
+        text::table(&rows)
     }
 
     /// What of the light is missing because paths were cut among mirrors and glass, where it is more than a trifle.

@@ -19,10 +19,10 @@ use super::scene::SceneFile;
 use super::surface::Surface;
 use super::{Failure, Outcome, info, options, text};
 use crate::error::Error;
-use crate::probe::Probe;
+use crate::probe::{Probe, SunOptions, split_sun};
 use crate::scene::geometry::Geometry;
 use crate::scene::{EmissionRule, MaterialRule};
-use crate::transfer::store::Store;
+use crate::transfer::store::{FRONT_NOT_RECORDED, Store};
 use crate::volume::Volume;
 use joint::Members;
 use report::report;
@@ -38,8 +38,9 @@ use work::{Source, Work};
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume relight brain.isolume --isovalue 90 --env courtyard -o brain.glb
-  isolume relight brain.isolume --isovalue 90,160 --env sunset.exr --env studio -o \"{isovalue}-{env}.png\"
-  isolume relight bumpbox:96 --isovalue auto --env sun:45,30 --view 30,40 -o bumps.png
+  isolume relight brain.isolume --isovalue 90,160 --env studio -o {isovalue}.png
+  isolume relight brain.isolume --isovalue 90 --env sunset.exr --env sky -o out/
+  isolume relight bumpbox:96 --isovalue auto --env sun:-45,30 -o bumps.png
   isolume relight scene.toml --exposure -1")]
 pub(in crate::cli) struct Relight {
     /// Store, or a volume file, field or scene (.toml) that is baked first
@@ -57,6 +58,7 @@ pub(in crate::cli) struct Relight {
     )]
     isovalue: Vec<NamedIsovalue>,
     /// Environment: an image file, courtyard, studio, sunset, or a sky: constant, gradient, overcast, sky, sun:AZ,EL
+    /// (azimuth counter-clockwise from the centre of an image, glTF +X)
     #[arg(short, long, value_name = "PROBE", required = true)]
     env: Vec<String>,
     /// File to write, or several; the ending decides the format. For several surfaces: a name with {isovalue} and {env},
@@ -99,7 +101,7 @@ struct MeshArgs {
     /// Store COLOR_0 as 32-bit floats
     #[arg(long)]
     float_color: bool,
-    /// Carry the transfer of each vertex in .glb files, so that they can be lit anew elsewhere
+    /// Store the transfer of each vertex in .glb files, for relighting elsewhere
     #[arg(long)]
     transfer: bool,
     /// glTF units (metres) to a world unit [default: 0.001 where the file's unit is mm; else the longest side of the
@@ -107,6 +109,9 @@ struct MeshArgs {
     #[arg(long, value_name = "S")]
     scale: Option<f64>,
 }
+
+/// Share of the light of a lamp that dominates.
+const DOMINANT: f64 = 0.15;
 
 /// What a run of the command did.
 pub(in crate::cli) struct Relit {
@@ -153,6 +158,14 @@ impl Relight {
             }
             self.refuse_names("the store holds one volume alone")?;
             let volume = store.volume()?;
+            for note in volume.notes.iter().filter(|note| note.text == FRONT_NOT_RECORDED) {
+                if self.volume.frame_of.is_none() {
+                    console.note(format!("{} (--frame-of anatomical)", note.text));
+                }
+            }
+            if store.identity().scene.is_none() {
+                self.tell_of_lamps(&probes, console);
+            }
             let chosen = self.isovalues_of_store(&store, &volume)?;
             let work = Work::new(self, &volume, &chosen, &probes, start, console)?;
             let source = Source { store, transport_rays: 0 };
@@ -182,6 +195,9 @@ impl Relight {
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
         let mut work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
         work.geometry = opened.geometry.as_ref();
+        if opened.geometry.is_none() {
+            self.tell_of_lamps(&probes, console);
+        }
         work.bake_and_light(&opened.label, seed)
     }
 
@@ -253,6 +269,22 @@ impl Relight {
             probes.push(probe);
         }
         Ok(probes)
+    }
+
+    /// Says what a lamp that dominates does to light of a few bands, and what helps.
+    fn tell_of_lamps(&self, probes: &[Probe], console: &Console) {
+        for probe in probes.iter().filter(|_| !self.splits_sun()) {
+            let split = split_sun(probe, &SunOptions::default());
+            if let Some(lamp) = split.suns.first().filter(|lamp| lamp.flux_share > DOMINANT) {
+                console.note(format!(
+                    "{}: a lamp {:.1}° across has {} of the light: a few bands blur its shadows, ring, and show noise as \
+                     spots; --sun-split lights it directly, --window lanczos stops the ringing",
+                    probe.name,
+                    2.0 * lamp.sun.angular_radius.to_degrees(),
+                    text::percent(lamp.flux_share)
+                ));
+            }
+        }
     }
 
     /// Names the line of the scene that an environment stands in.

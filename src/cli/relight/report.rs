@@ -8,6 +8,11 @@ use crate::cli::text;
 use serde_json::{Value, json};
 use std::time::Duration;
 
+/// Share of a surface below a texel from which on it is told.
+const MOST_BELOW_A_TEXEL: f64 = 0.05;
+/// Noise over the mean from which on spots show.
+const MOST_NOISE: f64 = 0.15;
+
 /// A relative error; black vertices have none.
 fn relative(error: f64) -> String {
     if error.is_finite() { text::percent(error) } else { "-".into() }
@@ -29,7 +34,7 @@ fn print(console: &Console, relit: &Relit) {
     let time: Duration = written.iter().map(|w| w.times.total()).sum();
     console.summary(match written.as_slice() {
         [w] => format!(
-            "isovalue {}, {}: noise {} of the mean radiance, exposure {:+.2} EV; {}",
+            "isovalue {}, {}: noise {} of the mean, exposure {:+.2} EV; {}",
             text::number(w.isovalue, 6),
             w.env,
             text::percent(noise),
@@ -37,7 +42,7 @@ fn print(console: &Console, relit: &Relit) {
             text::duration(time)
         ),
         all => format!(
-            "{} files in {}: noise at most {} of the mean radiance",
+            "{} files in {}: noise at most {} of the mean",
             all.len(),
             text::duration(time),
             text::percent(noise)
@@ -52,7 +57,7 @@ fn print(console: &Console, relit: &Relit) {
             text::count(s.bricks.len() as u64),
         );
         let times = format!("extract {}, select {}", text::duration(s.extract_time), text::duration(s.select_time));
-        console.detail(text::details(&[("surface".into(), found), ("time".into(), times)]));
+        console.detail(text::table(&[vec!["surface".into(), found], vec!["time".into(), times]]));
     }
     for w in written {
         console.detail(format!("\n{}\n{}", w.target.path.display(), details(w)));
@@ -90,23 +95,44 @@ fn details(w: &Written) -> String {
     );
     let light = format!("{}, isovalue {}, exposure {:+.2} EV", w.env, text::number(w.isovalue, 6), w.exposure.log2());
     let rows = [("light", light), ("noise", noise), ("lookups", lookups), ("time", times.join(", "))];
-    text::details(&rows.map(|(name, text)| (name.to_string(), text)))
+    text::table(&rows.map(|(name, text)| vec![name.to_string(), text]))
 }
 
 pub(super) fn report(console: &Console, relit: &Relit) {
     let Relit { surfaces, files: written, read_time, transport_rays, drafts } = relit;
     let camera_rays: u64 = written.iter().map(|w| w.camera.rays).sum();
     print(console, relit);
+    for s in surfaces.iter().filter(|s| s.below_a_texel > MOST_BELOW_A_TEXEL) {
+        console.note(format!(
+            "isovalue {}: {} of the surface bends within a texel or is a shell thinner than one, which may show as scales; a \
+             finer --texture (1 is that of the data) resolves it",
+            text::number(s.isovalue, 6),
+            text::percent(s.below_a_texel)
+        ));
+    }
+    let noisiest = written.iter().max_by(|a, b| a.rms_over_mean.total_cmp(&b.rms_over_mean));
+    if let Some(w) = noisiest.filter(|w| w.rms_over_mean > MOST_NOISE) {
+        console.note(format!(
+            "{}: noise is {} of the mean radiance and may show as spots; four times as many --rays halve it",
+            w.target.path.display(),
+            text::percent(w.rms_over_mean)
+        ));
+    }
+    let ringing: Vec<&Written> = written.iter().filter(|w| w.negative > 0).collect();
+    if let Some(worst) = ringing.iter().max_by_key(|w| w.negative) {
+        let (path, count) = (worst.target.path.display(), text::count(worst.negative));
+        let others = match ringing.len() {
+            1 => String::new(),
+            n => format!(" and fewer in {} other files", n - 1),
+        };
+        console.note(format!(
+            "{path}: {count} vertices{others} have a negative channel (ringing of the band-limited light), shown as 0; \
+             --window softens it"
+        ));
+    }
     for w in written {
         for note in &w.notes {
             console.note(note);
-        }
-        if w.negative > 0 {
-            console.note(format!(
-                "{}: {} vertices have a negative channel (ringing of the band-limited light), shown as 0; --window softens it",
-                w.target.path.display(),
-                text::count(w.negative)
-            ));
         }
         if w.remainder > 0.0 {
             console.note(format!(

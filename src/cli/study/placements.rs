@@ -27,12 +27,12 @@ use std::path::PathBuf;
 ///
 /// Radiance is path traced at many points of the volume, each on its own level set, and spread over the texels of a 3D
 /// texture by Shepard's weights: the texture route of the thesis, which knows one light and no transfer. The samples are
-/// placed in several ways; each texture is read at random vertices of one isosurface and held against path tracing there.
+/// placed in several ways; each texture is read at random vertices of one isosurface and compared with path tracing.
 /// Writes placements.csv and placements.json.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume study placements examples/scenes/box.toml --isovalue 47
-  isolume study placements bumpbox:64 --isovalue 47 --env courtyard --samples 10000,100000")]
+  isolume study placements bumpbox:64 --isovalue 47 --env sky --samples 10000,100000")]
 pub(super) struct PlacementsArgs {
     /// Scene (.toml), volume file or field
     #[arg(value_name = "SCENE|VOLUME")]
@@ -208,11 +208,12 @@ impl PlacementsArgs {
     fn legend(&self, reference: &RouteReference, lattice: Lattice) -> String {
         let [x, y, z] = lattice.texels();
         format!(
-            "\nRMS %: as Beason (2005), after the exposure of the reference, cut to [0, 1]; ± standard error over {} placements.\n\
-             Reference: {} paths at each of {} vertices; its own noise, {:.2} % of RMS %, is in every row. Texture {x}x{y}x{z}; {} paths\n\
-             a sample; D: radius of a ball that holds {} samples in the mean. Empty texels take the nearest sample. \"texels\": a\n\
-             sample on each texel, without scatter. Level sets: {LEVEL_SETS} of them, many level sets: n^(1/3). Thesis: his figure at 10^6 samples, 100^3 texels, isovalue 47 of the bump box in its\n\
-             box, over the pixels of a picture; sizes of luminaire and colours of walls are not printed there, so only the order compares.",
+            "\nRMS %: as Beason (2005), at vertices after the exposure of the reference, cut to [0, 1]; ± standard error over {} \
+             placements. Reference: {} paths at each of {} vertices; its own noise, {:.2} % of RMS %, is in every row. \
+             Texture {x}x{y}x{z}; {} paths a sample; D: radius of a ball that holds {} samples in the mean. Empty texels take \
+             the nearest sample. \"texels\": a sample on each texel, without scatter. Level sets: {LEVEL_SETS} of them (the \
+             thesis has nine), many level sets: n^(1/3). Thesis: its figure at 10^6 samples, 100^3 texels, isovalue 47 of the \
+             bump box in its box; sizes of luminaire and colours of walls are not printed there, so only the order compares.",
             self.repeats, self.reference_paths, self.points, reference.noise_percent, self.paths, self.neighbours
         )
     }

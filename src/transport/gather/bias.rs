@@ -28,7 +28,7 @@ const REFERENCE_RAYS: u32 = 4;
 pub struct Bias {
     /// Texels in the sample; 0 when there is nothing to tell (one layer, no valid texel).
     pub texels: u64,
-    /// Mean of A by `path` over the sample: what to hold the others against.
+    /// Mean of A by `path` over the sample: what the others are compared with.
     pub ambient: f64,
     /// Mean of gather − path.
     pub mean: f64,

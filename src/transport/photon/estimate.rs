@@ -15,7 +15,7 @@ pub enum Density {
     /// By the ellipsoid that the search covers, κ_eff = √(κ² + 1/g²), cut by the box and the isovalues drawn.
     #[default]
     Tilted,
-    /// As published (Beason 2005, eq. 4.10, with its missing 1/κ mended): κ for κ_eff, nothing cut. Too dark; for study.
+    /// As published (Beason 2005, eq. 4.9, unclipped; eq. 4.10 is the clipped one): κ for κ_eff, nothing cut. Too dark; for study.
     Published,
 }
 

@@ -15,7 +15,7 @@
 //! normal, of volume V = 4/3 π r³/√(1+κ²g²). A volume dV holds the level sets of an area dA over a stretch
 //! dc = g dn, so that E = ΣF/(g V) = ΣF κ_eff/(4/3 π r³) with κ_eff = √(κ² + 1/g²).
 //!
-//! We differ from Beason 2005, eq. 4.10, which takes κ for κ_eff: that reads E κg/√(1+κ²g²), 71 % of the truth at
+//! We differ from Beason 2005, eq. 4.9 (unclipped; eq. 4.10 is the clipped one), which takes κ for κ_eff: that reads E κg/√(1+κ²g²), 71 % of the truth at
 //! κg = 1 and 10 % at 0.1 ([`Density::Published`] keeps it for study). We cut what the ellipsoid has outside the box
 //! and outside the isovalues that were drawn, and leave out the k-th photon, whose distance is the radius: with it
 //! the mean of ΣF/V would be k/(k−1) too large.

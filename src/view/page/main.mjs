@@ -18,13 +18,15 @@ const VIEWS = {
 };
 // Longest pause between a change and the fine picture, and what a frame under the hand may take, in milliseconds.
 const IDLE = 160, SMOOTH = 45, PATIENT = 2500;
+// Rays along a pixel's side at silhouettes, and rows that a slow GPU refines at a time.
+const FINE = 4, ROWS = 24;
 
 const state = {
   ...START, isovalue: 0, perspective: false, environment: 0, rotation: 0, exposure: 0, autoExposure: true,
   albedo: 0.7, colour: "", mode: "light", background: "theme", layers: [], bands: [], fixedSize: null,
 };
 let header, data, renderer, probes = [];
-let lightIsStale = true, exposureIsStale = true, frameIsDue = false, idleTimer = 0, scale = 1, coarse = false;
+let lightIsStale = true, exposureIsStale = true, isExposed = false, refinement = 0, frameIsDue = false, idleTimer = 0, scale = 1, coarse = false;
 
 /** Changes the state and lets a frame follow. */
 function update(change) {
@@ -32,7 +34,9 @@ function update(change) {
   const touches = (...names) => names.some((n) => n in change);
   const recolours = state.colour !== "" && touches("isovalue");
   if (touches("environment", "rotation", "albedo", "colour", "layers", "bands") || recolours) lightIsStale = true;
-  if (touches("environment", "albedo", "colour", "isovalue", "autoExposure")) exposureIsStale = true;
+  // Of what is in view: whatever changes it, or the light on it.
+  if (lightIsStale || touches("isovalue", "autoExposure", "azimuth", "elevation", "zoom", "panX", "panY", "perspective")) exposureIsStale = true;
+  if (touches("isovalue")) sayIfEmpty();
   if (touches("environment")) showSky();
   showState();
   if (state.fixedSize) return; // who fixes the size draws by hand
@@ -100,15 +104,16 @@ function lightForGpu() {
   return { weights, norm, albedo, shown: state.layers.map(Number), open, cut };
 }
 
-/** The exposure at which the 99th percentile of the brightest channel of what is in view is white. */
+/** The exposure at which less than 1 % of what is in view is cut off at white, in its brightest channel. */
 function automaticExposure() {
-  const numbers = renderer.read(view(), 160, 120, MODES.radiance);
+  const { clientWidth, clientHeight } = $("stage");
+  const numbers = renderer.read(view(), 192, Math.max(1, Math.round((192 * clientHeight) / Math.max(1, clientWidth))), MODES.radiance);
   const largest = [];
   for (let i = 0; i < numbers.length; i += 4) {
     if (numbers[i + 3] > 0) largest.push(Math.max(numbers[i], numbers[i + 1], numbers[i + 2]));
   }
   largest.sort((a, b) => a - b);
-  const white = largest[Math.round((largest.length - 1) * 0.99)];
+  const white = largest[Math.round((largest.length - 1) * 0.995)]; // half of the 1 %: the picture has other pixels
   return white > 0 ? -Math.log2(white * renderer.norm) : state.exposure;
 }
 
@@ -120,14 +125,26 @@ function view() {
   return { ...state, background: colours[state.background] ?? theme };
 }
 
+/** Draws the fine picture from a row on, some rows to a frame, until something changes. */
+function refine(number, first) {
+  requestAnimationFrame(() => {
+    if (number !== refinement || coarse || first >= renderer.canvas.height) return;
+    renderer.show(view(), MODES[state.mode], FINE, first, ROWS);
+    renderer.finish();
+    refine(number, first + ROWS);
+  });
+}
+
 function drawFrame() {
   const canvas = renderer.canvas;
   const start = performance.now();
   if (lightIsStale) renderer.contract(lightForGpu());
   lightIsStale = false;
-  if (state.autoExposure && exposureIsStale && !coarse) {
+  // Not under the hand, but before anything has been seen.
+  if (state.autoExposure && exposureIsStale && (!coarse || !isExposed)) {
     state.exposure = automaticExposure();
     exposureIsStale = false;
+    isExposed = true;
     showState();
   }
   const box = $("stage").getBoundingClientRect();
@@ -136,9 +153,12 @@ function drawFrame() {
   const factor = coarse && !state.fixedSize ? scale : 1;
   const size = [width, height].map((v) => Math.max(1, Math.round(v * factor)));
   if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
-  // Four rays a pixel where that is no wait.
-  const isPatient = (timePerPixel * width * height * 4 < PATIENT) || state.fixedSize;
-  renderer.show(view(), MODES[state.mode], !coarse && isPatient ? 2 : 1);
+  // Four rays a pixel and sixteen at silhouettes: at once where that is no wait, else some rows at a time.
+  const isPatient = timePerPixel * width * height * 5 < PATIENT;
+  const fine = state.fixedSize ? 2 : FINE;
+  renderer.show(view(), MODES[state.mode], state.fixedSize || (!coarse && isPatient) ? fine : 1);
+  refinement++;
+  if (!coarse && !isPatient && !state.fixedSize) refine(refinement, 0);
   if (coarse) {
     renderer.finish();
     const took = performance.now() - start;
@@ -221,6 +241,14 @@ function say(text) {
   $("message").hidden = text === "";
 }
 
+/** Says that there is no surface at an isovalue, and unsays it. */
+function sayIfEmpty(value = state.isovalue) {
+  const [low, high] = header.volume.range;
+  const isEmpty = !(value > low && value < high);
+  if (isEmpty) say(`no surface at ${short(value, 6)}: the range is ${short(low, 6)} to ${short(high, 6)}, ends not included`);
+  else if ($("message").textContent.startsWith("no surface")) say("");
+}
+
 /** A number in as few digits as tell it. */
 function short(value, digits = 4) {
   return String(Number(value.toPrecision(digits)));
@@ -272,14 +300,16 @@ function showCounters() {
 /** A bar of a round length in the file's unit. */
 function showBar() {
   const { unit } = header.volume;
-  const height = renderer.lastRays.unitsPerPixelHeight;
+  const names = [[1e-10, "Å"], [1e-9, "nm"], [1e-6, "µm"], [1e-3, "mm"], [1e-2, "cm"], [1, "m"]];
+  // The nearest unit with a name: bohr are shown in Å.
+  const away = ([metres]) => Math.abs(Math.log(unit / metres));
+  const [metres, name] = unit ? names.reduce((a, b) => (away(b) < away(a) ? b : a)) : [1, "units"];
+  const height = renderer.lastRays.unitsPerPixelHeight * (unit ? unit / metres : 1);
   const perPixel = height / $("stage").clientHeight;
   const power = 10 ** Math.floor(Math.log10(perPixel * 140));
   const length = [5, 2, 1].map((f) => f * power).find((v) => v <= perPixel * 140) ?? power;
   $("barLine").style.width = `${length / perPixel}px`;
-  const names = [[1e-10, "Å"], [1e-9, "nm"], [1e-6, "µm"], [1e-3, "mm"], [1e-2, "cm"], [1, "m"]];
-  const known = unit && names.find(([m]) => Math.abs(unit / m - 1) < 1e-9);
-  $("barText").textContent = `${short(length)} ${known ? known[1] : unit ? `× ${short(unit)} m` : "units"}`;
+  $("barText").textContent = `${short(length)} ${name}`;
 }
 
 // --- the isovalue slider: by value, or by share of the volume ---
@@ -357,7 +387,11 @@ function connectControls() {
   const on = (id, event, act) => $(id).addEventListener(event, act);
   on("isovalue", "input", (e) => update({ isovalue: isovalueFromSlider(Number(e.target.value)) }));
   on("isovalueNumber", "change", (e) => {
-    if (Number.isFinite(e.target.valueAsNumber)) update({ isovalue: clampIsovalue(e.target.valueAsNumber) });
+    const value = e.target.valueAsNumber;
+    if (!Number.isFinite(value)) return;
+    const isInside = clampIsovalue(value) === value;
+    if (isInside) update({ isovalue: value });
+    else sayIfEmpty(value); // what was shown stays
   });
   on("byQuantile", "change", () => { showHistogram(); showState(); });
   on("colour", "change", (e) => update({ colour: e.target.value }));

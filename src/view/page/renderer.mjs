@@ -196,9 +196,13 @@ export class Renderer {
     return ((isovalue - inter) / slope - offset) / scale;
   }
 
-  /** The picture on the canvas. */
-  show(view, mode, supersampling) {
-    this.draw(view, this.canvas.width, this.canvas.height, mode, supersampling);
+  /** The picture on the canvas; of it only `rows` from `first` on, if they are given. */
+  show(view, mode, supersampling, first = 0, rows = this.canvas.height) {
+    const { gl, canvas } = this;
+    gl.enable(gl.SCISSOR_TEST);
+    gl.scissor(0, first, canvas.width, rows);
+    this.draw(view, canvas.width, canvas.height, mode, supersampling);
+    gl.disable(gl.SCISSOR_TEST);
   }
 
   /** Numbers of a small picture (four a pixel), rows from the bottom. */

@@ -215,7 +215,7 @@ Hit march(vec3 start, vec3 ray) {
 
 vec3 skyRadiance(vec3 d) {
   d = normalize(d);
-  vec2 place = vec2(0.5 - atan(d.x, d.z) / 6.2831853, acos(clamp(d.y, -1.0, 1.0)) / 3.1415927);
+  vec2 place = vec2(0.5 + atan(d.z, d.x) / 6.2831853, acos(clamp(d.y, -1.0, 1.0)) / 3.1415927); // as three.js
   return texture(sky, place).rgb;
 }
 
@@ -228,17 +228,27 @@ vec3 encoded(vec3 linear) {
   return mix(12.92 * linear, 1.055 * pow(max(linear, 1e-9), vec3(1.0 / 2.4)) - 0.055, greaterThan(linear, vec3(0.0031308)));
 }
 
-void main() {
-  vec4 sum = vec4(0.0);
-  float reach = 0.0;
-  vec3 special = vec3(0.0);
-  int n = supersampling;
+vec4 sum = vec4(0.0);
+vec3 special = vec3(0.0);
+int hits = 0;
+float nearestHit = 1e30, farthestHit = -1e30; // along the ray, in cells
+float pixelInCells = 0.0;
+
+// Adds what n × n rays through the pixel see.
+void take(int n) {
+  sum = vec4(0.0);
+  special = vec3(0.0);
   for (int i = 0; i < n * n; i++) {
     vec2 place = (gl_FragCoord.xy - 0.5 + (vec2(i % n, i / n) + 0.5) / float(n)) / size * 2.0 - 1.0;
     vec3 start = origin + place.x * originX + place.y * originY;
     vec3 ray = direction + place.x * directionX + place.y * directionY;
     Hit hit = march(start, ray);
     if (!hit.found) continue;
+    hits++;
+    float along = hit.t * length(ray);
+    nearestHit = min(nearestHit, along);
+    farthestHit = max(farthestHit, along);
+    pixelInCells = 2.0 * length(originX + hit.t * directionX) / size.x;
     int kind = 0;
     vec3 rgb = hit.isCut ? cut[hit.face] : look(hit.at, kind);
     if (mode == ${MODES.normal}) special += hit.isCut ? vec3(0.5) : 0.5 + 0.5 * normalAt(hit.at);
@@ -249,6 +259,16 @@ void main() {
     }
     if (mode == ${MODES.lookup}) special += hit.isCut ? vec3(0.3) : kind == 0 ? vec3(0.1, 0.45, 0.2) : kind == 1 ? vec3(0.8, 0.7, 0.1) : kind == 2 ? vec3(0.9, 0.35, 0.05) : vec3(0.8, 0.05, 0.2);
     sum += vec4(rgb, 1.0);
+  }
+}
+
+void main() {
+  int n = min(supersampling, 2);
+  take(n);
+  // Silhouettes, against the background and where the surface hides itself (steeper than 76°), take all rays.
+  if (supersampling > n && ((hits > 0 && hits < n * n) || farthestHit - nearestHit > 4.0 * pixelInCells)) {
+    n = supersampling;
+    take(n);
   }
   float samplesTaken = float(n * n);
   float coverage = sum.a / samplesTaken;

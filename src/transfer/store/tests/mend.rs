@@ -1,7 +1,7 @@
 //! Stores of other formats, moved ones, and those whose metadata was lost.
 
 use super::super::metadata::{nodes_of, sealed};
-use super::super::zarr::{STAMP, TAIL, checksum};
+use super::super::zarr::{STAMP, TAIL};
 use super::*;
 
 /// Rewrites a store as the versions 1 and 2 wrote it: records in a folder of their own that do not name their store, and
