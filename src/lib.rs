@@ -56,6 +56,7 @@
 //! |---|---|---|
 //! | [`error`] | the one error type; errors are values | everything else |
 //! | [`finding`] | what a diagnosis found, how often, what is done about it | everything else |
+//! | [`mod@file`] | opening plain files, and those that other files name | formats |
 //! | [`geom`] | directions, normals as covectors, frames, boxes, affine maps | everything else |
 //! | [`sampling`] | numbers by their index, Owen-Sobol points, warps in threes, statistics, `DirectionalSource` | volumes, SH, threads, the clock |
 //! | [`sh`] | basis, coefficients, projection, rotation, windows | colour, images, volumes |
@@ -93,6 +94,7 @@
 
 pub mod error;
 pub mod finding;
+pub mod file;
 pub mod geom;
 pub mod sampling;
 pub mod sh;

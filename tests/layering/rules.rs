@@ -15,7 +15,8 @@ const fn layer(module: &'static str, knows_nothing_of: &'static [&'static str]) 
 pub const LAYERS: &[Layer] = &[
     layer("error", &[]),
     layer("finding", &["error"]),
-    layer("geom", &["error", "finding"]),
+    layer("file", &["finding"]),
+    layer("geom", &["error", "finding", "file"]),
     layer("sampling", &[]),
     layer("sh", &[]),
     layer("volume", &["sh"]),
@@ -152,7 +153,9 @@ pub const FILE_SYSTEM_FILES: &[(&str, &str)] = &[
     ("src/main.rs", "is the program"),
     ("src/export/atomic.rs", "writes a file whole or not at all"),
     ("src/transfer/store/", "is a folder of files"),
+    ("src/file.rs", "opens plain files, for all others"),
     ("src/volume/open.rs", "opens a volume and the files its header names"),
+    ("src/volume/slices.rs", "lists a folder of slices"),
     ("src/probe/mod.rs", "opens an environment by its path"),
 ];
 

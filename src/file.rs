@@ -1,0 +1,231 @@
+//! Opening files for reading, the same way for volumes, meshes and environments: plain files only, and files that
+//! other files name only from the folder of the file that names them.
+//!
+//! A file that came by mail must not make the program read `/etc/passwd` into a store, wait for a pipe for ever, or
+//! fill the memory from `/dev/zero`. Knows nothing of formats.
+
+use crate::error::{Error, Result};
+use std::fs::{File, Metadata};
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
+
+/// Most bytes that are read of a file as a whole, 2^36.
+pub const MOST_BYTES: u64 = 1 << 36;
+
+/// Opens a plain file; its length in bytes.
+///
+/// # Errors
+/// When it is not there, cannot be opened, or is a directory, a device, a pipe or a socket. None of these is opened.
+pub fn open(path: impl AsRef<Path>) -> Result<(File, u64)> {
+    let path = path.as_ref();
+    // Before it is opened: that alone waits at a pipe, and does things to some devices.
+    check_plain(path, &std::fs::metadata(path).map_err(|e| Error::io(path, "open", e))?)?;
+    let file = File::open(path).map_err(|e| Error::io(path, "open", e))?;
+    let metadata = file.metadata().map_err(|e| Error::io(path, "open", e))?;
+    check_plain(path, &metadata)?;
+    Ok((file, metadata.len()))
+}
+
+/// Opens what the user names: a plain file with its length, or a stream that the program was given (`/dev/stdin`,
+/// `<(command)` of a shell), which has none.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_named(path: impl AsRef<Path>) -> Result<(File, Option<u64>)> {
+    let path = path.as_ref();
+    let is_plain = std::fs::metadata(path).map_or(true, |metadata| metadata.is_file());
+    if !is_plain && is_own_stream(path) {
+        let file = File::open(path).map_err(|e| Error::io(path, "open", e))?;
+        let kind = file.metadata().map_err(|e| Error::io(path, "open", e))?.file_type();
+        return if is_pipe(kind) { Ok((file, None)) } else { Err(not_plain(path, kind)) };
+    }
+    open(path).map(|(file, length)| (file, Some(length)))
+}
+
+/// All bytes of a plain file.
+///
+/// # Errors
+/// As [`open`]; when it has more than `most` bytes, or more than it had when it was opened.
+pub fn read(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>> {
+    let path = path.as_ref();
+    let (file, length) = open(path)?;
+    let most = most.min(MOST_BYTES);
+    let too_long = |needed: String| Error::Limit {
+        what: format!("{}: reading it whole", path.display()),
+        needed,
+        limit: format!("{most} bytes"),
+        remedy: "check that this is the right file".into(),
+    };
+    if length > most {
+        return Err(too_long(format!("{length} bytes")));
+    }
+    let mut bytes = Vec::new();
+    file.take(most.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| Error::io(path, "read", e))?;
+    if bytes.len() as u64 > most {
+        return Err(too_long(format!("more than {most} bytes")));
+    }
+    Ok(bytes)
+}
+
+/// Where files lie that another file names.
+#[derive(Clone, Debug)]
+pub struct Beside {
+    folder: PathBuf,
+    allow_outside: bool,
+}
+
+impl Beside {
+    /// Beside the file at `path`; with `allow_outside` anywhere.
+    pub fn new(path: impl AsRef<Path>, allow_outside: bool) -> Self {
+        let folder = path.as_ref().parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Self { folder: folder.to_path_buf(), allow_outside }
+    }
+
+    /// The path of a file by the name that another file has for it.
+    ///
+    /// # Errors
+    /// When the name is absolute, climbs out of the folder by `..`, or leads out of it through a link.
+    pub fn path(&self, name: impl AsRef<Path>) -> Result<PathBuf> {
+        let name = name.as_ref();
+        let path = self.folder.join(name);
+        if self.allow_outside {
+            return Ok(path);
+        }
+        let climbs = name.components().any(|part| !matches!(part, Component::Normal(_) | Component::CurDir));
+        if climbs {
+            return Err(self.outside(name.display().to_string()));
+        }
+        // What is not there is for the opener to say.
+        if let (Ok(folder), Ok(real)) = (self.folder.canonicalize(), path.canonicalize())
+            && !real.starts_with(&folder)
+        {
+            return Err(self.outside(format!("{}, a link to {}", name.display(), real.display())));
+        }
+        Ok(path)
+    }
+
+    /// Opens a file by the name that another file has for it; its path and length.
+    ///
+    /// # Errors
+    /// As [`Self::path`] and [`open`].
+    pub fn open(&self, name: impl AsRef<Path>) -> Result<(File, u64, PathBuf)> {
+        let path = self.path(name)?;
+        let (file, length) = open(&path)?;
+        Ok((file, length, path))
+    }
+
+    /// All bytes of a file by the name that another file has for it.
+    ///
+    /// # Errors
+    /// As [`Self::path`] and [`read`].
+    pub fn read(&self, name: impl AsRef<Path>, most: u64) -> Result<Vec<u8>> {
+        read(self.path(name)?, most)
+    }
+
+    fn outside(&self, found: String) -> Error {
+        let folder = self.folder.display();
+        Error::argument(
+            "a file that this file names",
+            found,
+            format!("a file in {folder} or below"),
+            "move it there and correct the name, or trust the file with --allow-outside",
+        )
+    }
+}
+
+fn check_plain(path: &Path, metadata: &Metadata) -> Result<()> {
+    if metadata.is_file() { Ok(()) } else { Err(not_plain(path, metadata.file_type())) }
+}
+
+/// Streams of this process, which are open already: opening them again waits for nobody.
+fn is_own_stream(path: &Path) -> bool {
+    ["/dev/stdin", "/dev/fd", "/proc/self/fd"].iter().any(|own| path.starts_with(own))
+}
+
+fn not_plain(path: &Path, kind: std::fs::FileType) -> Error {
+    let (what, remedy) = if kind.is_dir() {
+        ("a directory", "name a file in it")
+    } else if is_pipe(kind) {
+        ("a named pipe", "write it to a file first, or give /dev/stdin and pipe it in")
+    } else {
+        ("a device or a socket", "name a file")
+    };
+    Error::argument("file", path.display(), format!("a plain file; this is {what}"), remedy)
+}
+
+#[cfg(unix)]
+fn is_pipe(kind: std::fs::FileType) -> bool {
+    std::os::unix::fs::FileTypeExt::is_fifo(&kind)
+}
+
+#[cfg(not(unix))]
+fn is_pipe(_: std::fs::FileType) -> bool {
+    false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_lead_out_of_the_folder_are_refused_unless_allowed() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("in")).unwrap();
+        std::fs::write(folder.path().join("secret"), "s").unwrap();
+        std::fs::write(folder.path().join("in/data"), "d").unwrap();
+        let beside = |allow| Beside::new(folder.path().join("in/header"), allow);
+        assert_eq!(beside(false).read("data", 10).unwrap(), b"d");
+        assert_eq!(beside(false).read("./data", 10).unwrap(), b"d");
+        let absolute = folder.path().join("in/data");
+        for name in ["../secret", "../in/data", "x/../../secret", absolute.to_str().unwrap()] {
+            let text = beside(false).read(name, 10).unwrap_err().to_string();
+            assert!(text.contains(name) && text.contains("--allow-outside"), "{text}");
+        }
+        assert_eq!(beside(true).read("../secret", 10).unwrap(), b"s");
+        assert_eq!(beside(true).read(&absolute, 10).unwrap(), b"d");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_out_of_the_folder_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("in")).unwrap();
+        std::fs::write(folder.path().join("secret"), "s").unwrap();
+        std::os::unix::fs::symlink("../secret", folder.path().join("in/link")).unwrap();
+        std::fs::write(folder.path().join("in/data"), "d").unwrap();
+        std::os::unix::fs::symlink("data", folder.path().join("in/near")).unwrap();
+        let beside = Beside::new(folder.path().join("in/header"), false);
+        assert_eq!(beside.read("near", 10).unwrap(), b"d");
+        assert!(beside.read("link", 10).unwrap_err().to_string().contains("a link to"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn nothing_but_plain_files_is_opened() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let socket = folder.path().join("socket");
+        let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+        // Without the check the pipe would wait for a writer.
+        for (path, what) in [
+            (pipe.as_path(), "a named pipe"),
+            (&socket, "a device or a socket"),
+            (Path::new("/dev/zero"), "a device or a socket"),
+            (folder.path(), "a directory"),
+        ] {
+            for text in [open(path).unwrap_err(), open_named(path).unwrap_err(), read(path, 9).unwrap_err()] {
+                assert!(text.to_string().contains(what), "{text}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_more_is_read_than_is_asked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ten");
+        std::fs::write(&path, [0; 10]).unwrap();
+        assert_eq!(read(&path, 10).unwrap().len(), 10);
+        assert!(matches!(read(&path, 9), Err(Error::Limit { .. })));
+    }
+}
