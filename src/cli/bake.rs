@@ -111,13 +111,13 @@ impl Bake {
         let scene = scene.as_ref();
         let mut opened = super::scene::open(&self.input, &self.volume, scene, &self.bake.transfer.effects())?;
         self.bake.transfer.switch_shadows(&mut opened.volume);
-        for note in &opened.volume.notes {
-            console.note(&note.text);
-        }
         let is_empty = self.is_empty(&opened.volume)?;
         // Before anything else: they decide the side that is matter.
         let chosen = if is_empty { None } else { self.bake.isovalues(&mut opened, scene)? };
         let volume = &opened.volume;
+        for note in &volume.notes {
+            console.note(&note.text);
+        }
         let geometry = opened.geometry.as_ref();
         let mut transfer = self.bake.transfer.clone();
         if let (Some(time), false) = (self.auto, is_empty) {

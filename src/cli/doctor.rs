@@ -31,7 +31,14 @@ pub(super) struct Doctor {
     #[arg(value_name = "FILE")]
     input: String,
     /// Look at this isosurface of a volume: a number in the file's values, a percentage of their range, or auto
-    #[arg(short, long, visible_alias = "isovalues", value_name = "C", default_value = "auto", allow_hyphen_values = true)]
+    #[arg(
+        short,
+        long,
+        visible_alias = "isovalues",
+        value_name = "C",
+        default_value = "auto",
+        allow_hyphen_values = true
+    )]
     isovalue: Isovalue,
     /// Layout of an environment image [default: from the file and its shape]
     #[arg(long, value_name = "LAYOUT", value_parser = super::light::parse_layout)]
@@ -89,7 +96,7 @@ impl Doctor {
         // An isovalue that was asked for and does not exist is a finding; `auto` finds one wherever there is one.
         let (isovalue, reason) = match opened.choose(self.isovalue) {
             Ok(chosen) => {
-                opened.volume.solid = chosen.solid;
+                opened.take_side(std::slice::from_ref(&chosen))?;
                 (Some(chosen.value), chosen.reason)
             }
             Err(_) => match self.isovalue {

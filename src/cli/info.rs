@@ -155,7 +155,10 @@ fn volume_rows(volume: &Volume) -> Vec<Vec<String>> {
     };
     let scaling = match (volume.slope(), volume.inter()) {
         (1.0, 0.0) => String::new(),
-        (slope, inter) => format!(", value = {slope} · sample + {inter}"),
+        (slope, inter) => {
+            let [slope, inter] = [slope, inter].map(|v| text::number(v, 12));
+            format!(", value = {slope} · sample + {inter}")
+        }
     };
     let hand = if volume.world_from_grid().is_left_handed() { "left-handed grid" } else { "right-handed grid" };
     vec![
@@ -201,7 +204,8 @@ impl Estimate {
 pub(super) fn is_store(argument: &str) -> bool {
     let path = Path::new(argument);
     (path.is_dir() && (argument.trim_end_matches('/').ends_with(".isolume") || !holds_slices(path)))
-        || (path.is_file() && argument.ends_with(".isolume")) || argument.ends_with(".isolume.zip")
+        || (path.is_file() && argument.ends_with(".isolume"))
+        || argument.ends_with(".isolume.zip")
 }
 
 /// Whether a directory is no store but may be a folder of slices: it has files, and is no hierarchy of Zarr.

@@ -45,6 +45,10 @@ pub(super) struct VolumeArgs {
     /// The time point of a file that has several, counted from 0 [default: the first]
     #[arg(long, value_name = "N")]
     pub(super) timepoint: Option<usize>,
+    /// Drop all parts of the solid but the largest, such as the table below a head: at the isovalue asked for, of several at
+    /// the outermost. The volume is masked before the bake, so what is dropped casts no shadow either
+    #[arg(long)]
+    pub(super) keep_largest: bool,
     /// Read files that lie outside the folder of the file that names them (NRRD `data file`, raw sidecars)
     #[arg(long)]
     pub(super) allow_outside: bool,
@@ -68,6 +72,7 @@ impl VolumeArgs {
             ("--spacing", self.spacing.is_some()),
             ("--channel", self.channel.is_some()),
             ("--timepoint", self.timepoint.is_some()),
+            ("--keep-largest", self.keep_largest && what != "a field"),
         ];
         match given.iter().find(|(_, given)| *given) {
             None => Ok(()),
@@ -99,6 +104,8 @@ pub(super) struct Input {
     pub(super) label: String,
     /// The isovalue that shows a field best.
     pub(super) default_isovalue: Option<f64>,
+    /// Whether the largest part of the solid alone is to stay.
+    pub(super) keep_largest: bool,
     /// Whether the side that is matter was given.
     pub(super) side_is_given: bool,
     /// What stands around it.
@@ -113,16 +120,24 @@ pub(super) fn open(argument: &str, args: &VolumeArgs) -> Outcome<Input> {
 }
 
 fn open_as(argument: &str, args: &VolumeArgs, choice: Choice) -> Outcome<Input> {
-    let side_is_given = args.solid.is_some();
+    let (side_is_given, keep_largest) = (args.solid.is_some(), args.keep_largest);
     let mut input = match field::by_name(argument)? {
         Some(named) => {
             args.refuse_for("a field")?;
             let default_isovalue = Some(named.field.default_isovalue());
-            Input { volume: named.sample()?, label: argument.into(), default_isovalue, side_is_given, geometry: None, joint: None }
+            Input {
+                volume: named.sample()?,
+                label: argument.into(),
+                default_isovalue,
+                side_is_given,
+                keep_largest,
+                geometry: None,
+                joint: None,
+            }
         }
         None => {
             let (volume, label) = (open_file(argument, args, choice)?, file_name(argument));
-            Input { volume, label, default_isovalue: None, side_is_given, geometry: None, joint: None }
+            Input { volume, label, default_isovalue: None, side_is_given, keep_largest, geometry: None, joint: None }
         }
     };
     if let Some(side) = args.solid {

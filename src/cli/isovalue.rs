@@ -6,7 +6,7 @@ use super::scene::SceneFile;
 use super::{options, text};
 use crate::error::{Error, Result};
 use crate::scene::MOST_ISOVALUES;
-use crate::volume::Solid;
+use crate::volume::{Note, Solid};
 use std::str::FromStr;
 
 pub(super) use crate::volume::Isovalue;
@@ -85,7 +85,7 @@ impl Input {
         Ok(all)
     }
 
-    /// The side of all isovalues becomes that of the volume.
+    /// The side of all isovalues becomes that of the volume, which loses the smaller parts of its solid if so asked for.
     pub(super) fn take_side(&mut self, chosen: &[Chosen]) -> Result<()> {
         let Some(first) = chosen.first() else { return Ok(()) };
         if let Some(other) = chosen.iter().find(|c| c.solid != first.solid) {
@@ -95,7 +95,31 @@ impl Input {
             return Err(Error::argument("--isovalue", given, expected, remedy));
         }
         self.volume.solid = first.solid;
+        if std::mem::take(&mut self.keep_largest)
+            && let Some(outermost) = self.volume.outermost(chosen.iter().map(|c| c.value))
+        {
+            let (volume, removed) = self.volume.clone().keep_largest(outermost)?;
+            self.volume = volume;
+            let what = format!(
+                "{} smaller parts of the solid of {} were dropped, {} samples; the largest has {}",
+                text::count(removed.parts),
+                text::number(outermost, 6),
+                text::count(removed.samples),
+                text::count(removed.kept)
+            );
+            self.volume.notes.push(Note { text: what, count: removed.samples });
+        }
         Ok(())
+    }
+
+    /// Refuses what needs an isovalue where all are asked for.
+    pub(super) fn check_all(&self) -> Result<()> {
+        if !self.keep_largest {
+            return Ok(());
+        }
+        let expected = "the isovalues whose solid is meant";
+        let remedy = "add --isovalues C: the parts of a solid differ from isovalue to isovalue";
+        Err(Error::argument("--keep-largest", "without --isovalues", expected, remedy))
     }
 }
 

@@ -84,6 +84,10 @@ fn open_one(file: &SceneFile, description: &VolumeDescription, args: &VolumeArgs
         Failure::Library(error) => file.scene.at_line(description.volume.line, error).into(),
         other => other,
     };
+    if args.keep_largest {
+        let remedy = "leave it out, or mask each volume before";
+        return Err(refuse("--keep-largest", "one volume alone", remedy));
+    }
     let mut opened = input::open(&file.place_of(&description.volume.value), args).map_err(in_file)?;
     let placed = opened.volume.placed(description.world_from_file, description.translate);
     opened.volume = placed.map_err(|e| file.scene.at_line(description.volume.line, e))?;

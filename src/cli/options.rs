@@ -182,6 +182,7 @@ impl BakeArgs {
     /// The isovalues asked for, in the file's values; `None` for all.
     pub(super) fn isovalues(&self, opened: &mut Input, scene: Option<&SceneFile>) -> Result<Option<Vec<Chosen>>> {
         if self.isovalues.is_empty() {
+            opened.check_all()?;
             return Ok(None);
         }
         opened.settle(&self.isovalues, scene).map(Some)

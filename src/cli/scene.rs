@@ -3,6 +3,7 @@
 use super::input::{Input, VolumeArgs};
 use super::{Cli, Command, Failure, Outcome, input, joint};
 use crate::error::{Error, Result};
+use crate::file::{self, Beside};
 use crate::scene::geometry::{Geometry, TriangleMesh};
 use crate::scene::{Coupling, Effects, Located, Scene, TextureSize, nearest};
 use crate::transfer::store::Store;
@@ -86,13 +87,13 @@ fn with_light_of_store(mut line: Vec<OsString>) -> Vec<OsString> {
 pub(super) fn open(argument: &str, args: &VolumeArgs, scene: Option<&SceneFile>, effects: &Effects) -> Outcome<Input> {
     let Some(file) = scene else { return input::open(argument, args) };
     if !file.scene.volumes.is_empty() {
-        return joint::open(file, file.member, args, &|input| file.geometry(input, effects));
+        return joint::open(file, file.member, args, &|input| file.geometry(input, effects, args.allow_outside));
     }
     let mut input = input::open(&file.volume(), args).map_err(|failure| match failure {
         Failure::Library(error) => file.scene.at_line(file.scene.volume.line, error).into(),
         other => other,
     })?;
-    input.geometry = file.geometry(&input, effects)?;
+    input.geometry = file.geometry(&input, effects, args.allow_outside)?;
     Ok(input)
 }
 
@@ -130,7 +131,7 @@ impl SceneFile {
     }
 
     /// Walls and luminaires; `None` where there are none, or all are switched off.
-    fn geometry(&self, input: &Input, effects: &Effects) -> Outcome<Option<Geometry>> {
+    fn geometry(&self, input: &Input, effects: &Effects, allow_outside: bool) -> Outcome<Option<Geometry>> {
         let mut surroundings = self.scene.surroundings.clone();
         if effects.switched("walls") == Some(false) {
             surroundings.walls.clear();
@@ -146,14 +147,18 @@ impl SceneFile {
             LengthUnit::Metres(metres) => metres,
             LengthUnit::Unknown => 1.0,
         };
-        let mut read = |name: &str| {
-            let path = self.folder.join(name);
-            std::fs::read(&path).map_err(|e| {
-                if e.kind() != std::io::ErrorKind::NotFound {
-                    return Error::io(&path, "read the mesh", e);
+        let mut read = |mesh: &str, beside: Option<&str>| {
+            let path = self.folder.join(mesh);
+            let bytes = match beside {
+                None => file::read(&path, file::MOST_BYTES),
+                Some(name) => Beside::new(&path, allow_outside).read(name, file::MOST_BYTES),
+            };
+            bytes.map_err(|e| match e {
+                Error::Io { path, source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
+                    let remedy = "correct the path; it starts from the folder of the scene";
+                    Error::argument("file", path.display(), "a mesh that exists (.obj, .ply, .gltf, .glb)", remedy)
                 }
-                let remedy = "correct the path; it starts from the folder of the scene";
-                Error::argument("file", path.display(), "a mesh that exists (.obj, .ply, .gltf, .glb)", remedy)
+                other => other,
             })
         };
         let mut surface = |name: &str, isovalue: f64| {

@@ -48,7 +48,14 @@ pub(super) struct Study {
     #[arg(value_name = "VOLUME", required = true)]
     input: Option<String>,
     /// Isovalue: a number in the file's values, a percentage of their range, or auto
-    #[arg(short, long, visible_alias = "isovalues", value_name = "C", default_value = "auto", allow_hyphen_values = true)]
+    #[arg(
+        short,
+        long,
+        visible_alias = "isovalues",
+        value_name = "C",
+        default_value = "auto",
+        allow_hyphen_values = true
+    )]
     isovalue: Isovalue,
     /// Environment: an image file or a name, as relight takes it
     #[arg(short, long, value_name = "PROBE", default_value = "courtyard")]
@@ -133,7 +140,7 @@ impl Study {
         }
         let mut opened = super::input::open(self.input.as_deref().unwrap_or_default(), &self.volume)?;
         let chosen = opened.choose(self.isovalue)?;
-        opened.volume.solid = chosen.solid;
+        opened.take_side(std::slice::from_ref(&chosen))?;
         let volume = &opened.volume;
         for note in &volume.notes {
             console.note(&note.text);

@@ -33,7 +33,14 @@ pub(super) struct View {
     #[arg(long, value_name = "OUT.html")]
     html: Option<PathBuf>,
     /// The isovalue to begin with: a number, a percentage of the range, or auto
-    #[arg(short, long, visible_alias = "isovalues", value_name = "C", default_value = "auto", allow_hyphen_values = true)]
+    #[arg(
+        short,
+        long,
+        visible_alias = "isovalues",
+        value_name = "C",
+        default_value = "auto",
+        allow_hyphen_values = true
+    )]
     isovalue: Isovalue,
     /// Environments besides the embedded ones: image files or skies, as relight takes them
     #[arg(short, long, value_name = "PROBE")]

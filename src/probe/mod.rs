@@ -38,6 +38,7 @@ pub use source::EnvironmentSource;
 pub use sun::{NoSun, Split, SplitSun, Sun, SunOptions, split_sun};
 
 use crate::error::{Error, Result};
+use crate::file;
 use crate::sh::Coefficients;
 use std::path::Path;
 
@@ -135,8 +136,8 @@ pub fn open(path_or_name: &str, options: &ReadOptions) -> Result<Probe> {
         return Ok(probe);
     }
     let path = Path::new(path_or_name);
-    let bytes = std::fs::read(path).map_err(|source| match source.kind() {
-        std::io::ErrorKind::NotFound => Error::argument(
+    let bytes = file::read(path, file::MOST_BYTES).map_err(|error| match error {
+        Error::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => Error::argument(
             "environment",
             path_or_name,
             format!(
@@ -145,7 +146,7 @@ pub fn open(path_or_name: &str, options: &ReadOptions) -> Result<Probe> {
             ),
             "check the path and the spelling",
         ),
-        _ => Error::io(path, "read", source),
+        other => other,
     })?;
     let name = path.file_stem().map_or(path_or_name.into(), |s| s.to_string_lossy().into_owned());
     Probe::from_bytes(name, &bytes, options).map_err(|e| e.in_file(path))

@@ -205,7 +205,7 @@ mod tests {
         let (made, unit) = "1,1,3um".parse::<Spacing>().unwrap().apply(file, LengthUnit::Metres(1e-3));
         let made = made.unwrap();
         assert_eq!(unit, LengthUnit::Metres(1e-6));
-        assert_eq!(*made.linear(), DMat3::from_cols(DVec3::Y, -DVec3::X, 3.0 * DVec3::Z));
+        assert_eq!(made.linear(), DMat3::from_cols(DVec3::Y, -DVec3::X, 3.0 * DVec3::Z));
         assert!((made.offset() - DVec3::new(10_000.0, 0.0, 0.0)).length() < 1e-9);
     }
 
@@ -215,7 +215,10 @@ mod tests {
             let choice = Choice { channel: channel.map(|c| c.parse().unwrap()), timepoint, ..Choice::default() };
             let mut notes = Vec::new();
             let names = vec!["DAPI".to_string(), "GFP".into()];
-            choice.of("X", names, 3, &mut notes).map(|s| (s.channel, s.timepoint, notes.len())).map_err(|e| e.to_string())
+            choice
+                .of("X", names, 3, &mut notes)
+                .map(|s| (s.channel, s.timepoint, notes.len()))
+                .map_err(|e| e.to_string())
         };
         let refused = of(None, None).unwrap_err();
         assert!(refused.contains("2 channels: 0 DAPI, 1 GFP") && refused.contains("--channel"), "{refused}");

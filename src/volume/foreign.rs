@@ -5,7 +5,7 @@
 use crate::error::Error;
 
 /// The formats that are read, for messages.
-const READ: &str = "a volume: NIfTI-1, NRRD, MRC/CCP4, cube, legacy VTK, TIFF, .npy, raw with JSON";
+const READ: &str = "NIfTI-1, NRRD, MRC, cube, legacy VTK, TIFF, .npy, or raw with JSON";
 
 /// Bytes that give a format away.
 enum Mark {
@@ -19,7 +19,8 @@ use Mark::{At, Word};
 
 const SIMPLEITK: &str = "convert it in Python:\n  import SimpleITK as sitk\n  \
                          sitk.WriteImage(sitk.ReadImage(\"FILE\"), \"FILE.nrrd\")";
-const PICTURE: &str = "a volume is a folder of such pictures of one size, numbered from slice to slice:\n  isolume info FOLDER";
+const PICTURE: &str =
+    "a volume is a folder of such pictures of one size, numbered from slice to slice:\n  isolume info FOLDER";
 const MESH: &str = "a mesh has no values between its faces: give the volume that it was made from";
 const BIOFORMATS: &str = "convert it with Bio-Formats:\n  bfconvert FILE FILE.ome.tif";
 const UNPACK: &str = "unpack it first, or pack it with gzip";
@@ -56,9 +57,10 @@ const FORMATS: &[(&[Mark], &str, &str)] = &[
         &[At(0, b" BDV\0\0\0\0")],
         "OpenVDB",
         "fill an array in Python and save it, axes z, y, x:\n  import numpy, openvdb\n  \
-         grid = openvdb.read(\"FILE\", \"NAME\"); lo, hi = grid.evalActiveVoxelBoundingBox()\n  \
-         a = numpy.zeros([h - l + 1 for l, h in zip(lo, hi)], \"f4\"); grid.copyToArray(a, lo)\n  \
-         numpy.save(\"FILE.npy\", a.T)",
+         grid = openvdb.read(\"FILE\", \"NAME\")\n  \
+         lo, hi = grid.evalActiveVoxelBoundingBox()\n  \
+         a = numpy.zeros([h - l + 1 for l, h in zip(lo, hi)], \"f4\")\n  \
+         grid.copyToArray(a, lo); numpy.save(\"FILE.npy\", a.T)",
     ),
     (
         &[Word("object")],
@@ -66,14 +68,28 @@ const FORMATS: &[(&[Mark], &str, &str)] = &[
         "save the grid in Python and give its delta as --spacing X,Y,Z:\n  import gridData, numpy\n  \
          numpy.save(\"FILE.npy\", gridData.Grid(\"FILE\").grid.T)",
     ),
-    (&[At(0, b"MATLAB 5.0")], "MATLAB", "save the array in Python, axes z, y, x:\n  import scipy.io, numpy\n  \
-         numpy.save(\"FILE.npy\", scipy.io.loadmat(\"FILE\")[\"NAME\"].T)"),
+    (
+        &[At(0, b"\x03\0\0\0"), At(0, b"\0\0\0\x03")],
+        "perhaps gOpenMol .plt",
+        "save the grid in Python and give its delta as --spacing X,Y,Z:\n  import gridData, numpy\n  \
+         numpy.save(\"FILE.npy\", gridData.Grid(\"FILE\").grid.T)",
+    ),
+    (
+        &[At(0, b"MATLAB 5.0")],
+        "MATLAB",
+        "save the array in Python, axes z, y, x:\n  import scipy.io, numpy\n  \
+         numpy.save(\"FILE.npy\", scipy.io.loadmat(\"FILE\")[\"NAME\"].T)",
+    ),
     (&[At(0, b"ZISRAWFILE")], "Zeiss CZI", BIOFORMATS),
     (&[At(0, b"\xda\xce\xbe\x0a")], "Nikon ND2", BIOFORMATS),
     (&[At(0, b"\xd0\xcf\x11\xe0")], "an OLE file, perhaps Olympus OIB or Zeiss ZVI", BIOFORMATS),
     (&[At(0, b"\x70\0\0\0")], "perhaps Leica LIF", BIOFORMATS),
     (&[At(0, b"\x89PNG"), At(0, b"\xff\xd8\xff"), At(0, b"BM"), At(0, b"GIF8")], "one picture", PICTURE),
-    (&[At(0, b"\0\0\0\x0cjP"), At(0, b"\xff\x4f\xff\x51")], "JPEG 2000", "convert its slices to PNG; then: isolume info FOLDER"),
+    (
+        &[At(0, b"\0\0\0\x0cjP"), At(0, b"\xff\x4f\xff\x51")],
+        "JPEG 2000",
+        "convert its slices to PNG; then: isolume info FOLDER",
+    ),
     (
         &[At(0, b"\x76\x2f\x31\x01"), At(0, b"#?RADIANCE"), At(0, b"#?RGBE")],
         "an environment image",
@@ -120,7 +136,8 @@ fn named(head: &[u8]) -> (String, String) {
         return zip(&text);
     }
     if text.trim_start().starts_with("<?xml") {
-        return ("XML".into(), "name the file with the samples".into());
+        let remedy = "save VTK's .vti as legacy VTK; of other formats name the file with the samples";
+        return ("XML, perhaps VTK's .vti".into(), remedy.into());
     }
     let start: String = text.chars().take(24).collect();
     let remedy = "convert it to NRRD or .npy, or describe raw samples in a JSON sidecar:\n  \

@@ -14,6 +14,7 @@
 
 mod assemble;
 pub mod choice;
+mod components;
 mod decode;
 pub mod diagnose;
 pub mod field;
@@ -26,6 +27,7 @@ mod slices;
 mod source;
 
 pub use choice::{Channel, Choice, Series, Spacing};
+pub use components::Removed;
 pub use isovalue::Isovalue;
 pub use open::{open, open_with};
 pub use read::{ReadHint, read};

@@ -46,7 +46,13 @@ pub struct ReadHint {
 
 impl Default for ReadHint {
     fn default() -> Self {
-        Self { name: "volume".into(), solid: Solid::Above, max_bytes: 64 << 30, length: None, choice: Choice::default() }
+        Self {
+            name: "volume".into(),
+            solid: Solid::Above,
+            max_bytes: 64 << 30,
+            length: None,
+            choice: Choice::default(),
+        }
     }
 }
 

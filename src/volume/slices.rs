@@ -60,7 +60,10 @@ pub(super) fn open(folder: &Path, hint: &ReadHint) -> Result<Volume> {
     }
     if hint.choice.spacing.is_none() {
         let from = if said.is_some() { "read from the first slice" } else { "a guess" };
-        notes.push(note(format!("the spacing {} × {} × {} is {from}: see --spacing", spacing.x, spacing.y, spacing.z), 1));
+        notes.push(note(
+            format!("the spacing {} × {} × {} is {from}: see --spacing", spacing.x, spacing.y, spacing.z),
+            1,
+        ));
     }
     let world_from_grid = Affine::new(DMat3::from_diagonal(spacing), DVec3::ZERO).unwrap_or(Affine::IDENTITY);
     let dims = [width as usize, height as usize, slices.len()];
@@ -188,9 +191,10 @@ fn read_png(source: impl Read, length: u64, hint: &ReadHint) -> Result<tiff::Sli
     };
     let mut bytes = Vec::new();
     source.take(length).read_to_end(&mut bytes).map_err(|e| Error::from_read(PNG, "a picture", e))?;
-    let mut decoder = png::Decoder::new_with_limits(std::io::Cursor::new(bytes), png::Limits {
-        bytes: usize::try_from(hint.max_bytes).unwrap_or(usize::MAX).min(1 << 30),
-    });
+    let mut decoder = png::Decoder::new_with_limits(
+        std::io::Cursor::new(bytes),
+        png::Limits { bytes: usize::try_from(hint.max_bytes).unwrap_or(usize::MAX).min(1 << 30) },
+    );
     decoder.set_transformations(png::Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(refuse)?;
     let (width, height) = reader.info().size();
@@ -254,7 +258,10 @@ mod tests {
             grey(&folder.path().join(format!("s{}.png", 9 + z)), png::BitDepth::Sixteen, &[z, 0, z, 1, z, 2, z, 3]);
         }
         std::fs::write(folder.path().join("Thumbs.db"), "x").unwrap();
-        let hint = ReadHint { choice: super::super::Choice { spacing: Some("1,1,2mm".parse().unwrap()), ..Default::default() }, ..ReadHint::default() };
+        let hint = ReadHint {
+            choice: super::super::Choice { spacing: Some("1,1,2mm".parse().unwrap()), ..Default::default() },
+            ..ReadHint::default()
+        };
         let volume = open(folder.path(), &hint).unwrap();
         assert_eq!(volume.dims(), [2, 2, 3]);
         assert_eq!(volume.unit, LengthUnit::Metres(1e-3));

@@ -353,7 +353,7 @@ fn check_scene(bytes: &[u8]) -> bool {
     };
     let corners = || read_mesh(&seeds::obj().swap_remove(0).1, &mut |_| Ok(Vec::new()));
     let bytes_of_mesh = || Ok(seeds::obj().swap_remove(0).1);
-    match scene.surroundings.assemble(&scene, 1.0, &mut |_| bytes_of_mesh(), &mut |_, _| corners()) {
+    match scene.surroundings.assemble(&scene, 1.0, &mut |_, _| bytes_of_mesh(), &mut |_, _| corners()) {
         Err(error) => {
             assert!(error.to_string().len() > 30, "an error without a reason: {error}");
             false

@@ -156,7 +156,6 @@ pub const FILE_SYSTEM_FILES: &[(&str, &str)] = &[
     ("src/file.rs", "opens plain files, for all others"),
     ("src/volume/open.rs", "opens a volume and the files its header names"),
     ("src/volume/slices.rs", "lists a folder of slices"),
-    ("src/probe/mod.rs", "opens an environment by its path"),
 ];
 
 /// Crates that belong to certain modules.

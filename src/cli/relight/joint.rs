@@ -84,7 +84,9 @@ impl Members {
             _ => None,
         };
         let chosen = match only {
-            Some(value) => Chosen { reason: Some("the store holds it".into()), ..Chosen::given(value, of.volume.solid) },
+            Some(value) => {
+                Chosen { reason: Some("the store holds it".into()), ..Chosen::given(value, of.volume.solid) }
+            }
             None => named.isovalue.resolve(&of.volume, Some(of.volume.solid), None)?,
         };
         let mut all = Vec::new();

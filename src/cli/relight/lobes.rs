@@ -51,9 +51,7 @@ pub(super) fn scene(command: &Relight, opened: &Input, [above, below]: [f64; 2])
     let file = toml::Value::String(command.input.clone());
     let mut text = format!("coupling = [[{above:?}, {below:?}]]\n");
     for ((name, side), colour) in [("positive", "above"), ("negative", "below")].into_iter().zip(colours) {
-        text += &format!(
-            "[[volumes]]\nname = \"{name}\"\nvolume = {file}\nsolid = \"{side}\"\nalbedo = {colour:?}\n"
-        );
+        text += &format!("[[volumes]]\nname = \"{name}\"\nvolume = {file}\nsolid = \"{side}\"\nalbedo = {colour:?}\n");
     }
     let scene = SceneFile::from_text(&text, &command.input)?;
     let isovalue = vec![NamedIsovalue { volume: None, isovalue: Isovalue::Value(above) }];

@@ -169,9 +169,6 @@ impl Relight {
         self.refuse_names("this is one volume alone")?;
         let mut opened = super::scene::open(&self.input, &self.volume, self.scene.as_ref(), &self.transfer.effects())?;
         self.transfer.switch_shadows(&mut opened.volume);
-        for note in &opened.volume.notes {
-            console.note(&note.text);
-        }
         let resolve = |i: &NamedIsovalue| {
             let resolved = self.or_empty(&i.isovalue, &opened.volume, opened.choose(i.isovalue));
             resolved.map_err(|e| options::in_scene(e, self.scene.as_ref(), &i.isovalue))
@@ -187,6 +184,9 @@ impl Relight {
         }
         let chosen = self.with_more(chosen, console);
         opened.take_side(&chosen)?;
+        for note in &opened.volume.notes {
+            console.note(&note.text);
+        }
         let mut work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
         work.geometry = opened.geometry.as_ref();
         work.bake_and_light(&opened.label, seed)
@@ -373,12 +373,7 @@ impl Relight {
     }
 
     /// An isovalue for a volume; with `--allow-empty` one that no surface has, too.
-    fn or_empty(
-        &self,
-        isovalue: &Isovalue,
-        volume: &Volume,
-        resolved: Result<Chosen, Error>,
-    ) -> Result<Chosen, Error> {
+    fn or_empty(&self, isovalue: &Isovalue, volume: &Volume, resolved: Result<Chosen, Error>) -> Result<Chosen, Error> {
         match resolved {
             Err(_) if self.allow_empty => {
                 let value = if let Isovalue::Value(value) = isovalue { *value } else { volume.value_range().1 };

@@ -64,7 +64,7 @@ impl Surroundings {
     }
 
     /// Walls and luminaires ready for rays. `metres_per_unit` is that of the volume, which counts where the scene says
-    /// nothing; `read` reads a file from the folder of the scene, `surface` makes the triangles of another volume.
+    /// nothing; `read` reads a mesh from the folder of the scene, or a file that it names from the folder of the mesh; `surface` makes the triangles of another volume.
     ///
     /// # Errors
     /// When a file cannot be read or is no mesh (naming the line), or as [`Geometry::new`].
@@ -72,7 +72,7 @@ impl Surroundings {
         &self,
         scene: &Scene,
         metres_per_unit: f64,
-        read: &mut dyn FnMut(&str) -> Result<Vec<u8>>,
+        read: &mut dyn FnMut(&str, Option<&str>) -> Result<Vec<u8>>,
         surface: &mut dyn FnMut(&str, f64) -> Result<TriangleMesh>,
     ) -> Result<Geometry> {
         let mut walls = Vec::new();
@@ -81,10 +81,8 @@ impl Surroundings {
             let shape = match &wall.shape {
                 WallShape::Ready(shape) => shape.clone(),
                 WallShape::Mesh { file, world_from_mesh, translate } => {
-                    let bytes = read(&file.value).map_err(|e| scene.at_line(file.line, e))?;
-                    let folder = file.value.rsplit_once('/').map_or("", |(folder, _)| folder);
-                    let mut beside =
-                        |name: &str| read(&if folder.is_empty() { name.into() } else { format!("{folder}/{name}") });
+                    let bytes = read(&file.value, None).map_err(|e| scene.at_line(file.line, e))?;
+                    let mut beside = |name: &str| read(&file.value, Some(name));
                     let mesh = read_mesh(&bytes, &mut beside)
                         .map_err(|e| scene.at_line(file.line, e.in_file(file.value.clone())))?;
                     let place = |corners: [DVec3; 3]| corners.map(|p| *world_from_mesh * p + *translate);

@@ -13,7 +13,7 @@ fn box_scene() -> Geometry {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/scenes/box.toml");
     let scene = Scene::parse(&std::fs::read_to_string(file).unwrap(), "box.toml").unwrap();
     let none = || Error::argument("file", "none", "no file", "none is named");
-    scene.surroundings.assemble(&scene, 1.0, &mut |_| Err(none()), &mut |_, _| Err(none())).unwrap()
+    scene.surroundings.assemble(&scene, 1.0, &mut |_, _| Err(none()), &mut |_, _| Err(none())).unwrap()
 }
 
 #[test]

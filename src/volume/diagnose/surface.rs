@@ -39,8 +39,9 @@ pub(super) fn findings(volume: &Volume, isovalue: f64) -> Vec<Finding> {
             "open surface",
             (solid, border, "border samples"),
             "the solid of this isovalue reaches the border of the grid",
-            "the surface ends there with an open edge, no cap is drawn, and rays that leave the box see the \
-             environment: nothing is known beyond. Pad the volume with a lit value to close it",
+            "the surface ends there: pictures draw a flat face over the cut (not with --cap open), meshes end with an \
+             open edge. Rays that leave the box see the environment: nothing is known beyond. Pad the volume with a \
+             lit value to close it",
         ));
     }
     found

@@ -102,7 +102,20 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
     let unit = LengthUnit::Metres(if axes[0].0 < 0 { ANGSTROM } else { BOHR });
     let counts = counts.map(|n| n as usize);
     let (data, dims) = permute(data, [counts[2], counts[1], counts[0]], [2, 1, 0]);
-    assemble(Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, series: Series::default(), notes }, hint)
+    assemble(
+        Parts {
+            format: NAME,
+            dims,
+            data,
+            slope: 1.0,
+            inter: 0.0,
+            world_from_grid,
+            unit,
+            series: Series::default(),
+            notes,
+        },
+        hint,
+    )
 }
 
 /// A whole number of the list of orbitals.

@@ -39,7 +39,20 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
         Order::Fortran => permute(data, [z, y, x], [2, 1, 0]),
     };
     let (world_from_grid, unit, notes) = (Affine::IDENTITY, LengthUnit::Unknown, Vec::new());
-    assemble(Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, series: Series::default(), notes }, hint)
+    assemble(
+        Parts {
+            format: NAME,
+            dims,
+            data,
+            slope: 1.0,
+            inter: 0.0,
+            world_from_grid,
+            unit,
+            series: Series::default(),
+            notes,
+        },
+        hint,
+    )
 }
 
 fn header(source: &mut Source) -> Result<NpyHeader> {

@@ -252,6 +252,9 @@ impl Axes {
     /// has none. Without directions `kinds` say it.
     fn of(header: &Header, sizes: &[u64]) -> Result<Self> {
         let directions = header.get(&["space directions"]).map(vectors).transpose()?;
+        if directions.as_ref().is_some_and(|all| all.len() != sizes.len()) {
+            return Err(damaged("space directions", header.get(&["space directions"]).unwrap_or("")));
+        }
         let kinds: Vec<&str> = header.get(&["kinds"]).unwrap_or("").split_whitespace().collect();
         let is_time_kind = |a: usize| kinds.get(a).is_some_and(|k| k.eq_ignore_ascii_case("time"));
         let is_space_kind = |a: usize| kinds.get(a).is_some_and(|k| ["space", "domain"].contains(k));

@@ -106,5 +106,8 @@ fn samples(mut source: Source, sidecar: &Sidecar, kind: Type, hint: &ReadHint) -
     let world_from_grid = affine(NAME, linear, DVec3::from_array(sidecar.origin))?;
     let (slope, inter, unit) = (sidecar.slope, sidecar.inter, LengthUnit::Unknown);
     let dims = sidecar.dims.map(|d| d as usize);
-    assemble(Parts { format: NAME, dims, data, slope, inter, world_from_grid, unit, series: Series::default(), notes }, hint)
+    assemble(
+        Parts { format: NAME, dims, data, slope, inter, world_from_grid, unit, series: Series::default(), notes },
+        hint,
+    )
 }

@@ -118,7 +118,20 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
     source.verify_end(NAME)?;
     let world_from_grid = affine(NAME, DMat3::from_diagonal(DVec3::from_array(spacing)), DVec3::from_array(origin))?;
     let (dims, unit) = (dims.map(|d| d as usize), LengthUnit::Unknown);
-    assemble(Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, series: Series::default(), notes }, hint)
+    assemble(
+        Parts {
+            format: NAME,
+            dims,
+            data,
+            slope: 1.0,
+            inter: 0.0,
+            world_from_grid,
+            unit,
+            series: Series::default(),
+            notes,
+        },
+        hint,
+    )
 }
 
 fn not_supported(found: &str) -> Error {

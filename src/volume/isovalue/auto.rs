@@ -31,7 +31,8 @@ pub(super) fn choose(volume: &Volume, side: Option<Solid>) -> Chosen {
     let plain = Statistics::new(volume);
     let negated = plain.negated();
     let of = |sign: f64| if sign > 0.0 { &plain } else { &negated };
-    let try_both = |rule: &dyn Fn(&Statistics, f64) -> Option<Found>| rule(&plain, 1.0).or_else(|| rule(&negated, -1.0));
+    let try_both =
+        |rule: &dyn Fn(&Statistics, f64) -> Option<Found>| rule(&plain, 1.0).or_else(|| rule(&negated, -1.0));
     if let Some(chosen) = lobes(&plain, side) {
         return finish(volume, &plain, chosen, side);
     }
@@ -83,8 +84,12 @@ fn finish(volume: &Volume, statistics: &Statistics, mut chosen: Chosen, side: Op
         let better = chosen.alternatives.iter().find(|a| !is_meant && !shows_nothing(a.level));
         if let Some(Alternative { name, level }) = better {
             let reason = format!("{name}: {} shows no closed surface", number(chosen.value));
-            chosen = Chosen { value: level.value, solid: level.solid, reason: Some(reason), more: Vec::new(), ..chosen };
+            chosen =
+                Chosen { value: level.value, solid: level.solid, reason: Some(reason), more: Vec::new(), ..chosen };
         }
+    }
+    if chosen.more.iter().any(|level| level.solid == chosen.solid) {
+        chosen.alternatives.clear(); // labels are no measure
     }
     chosen.warning = warning(volume, Level { value: chosen.value, solid: chosen.solid });
     chosen
@@ -133,12 +138,14 @@ fn alternatives(volume: &Volume, statistics: &Statistics, chosen: &Chosen) -> Ve
     all
 }
 
-/// To four digits of the range: what is printed is what is used.
+/// To four digits, and four digits of the range: what is printed is what is used.
 fn round(level: f64, range: f64) -> f64 {
     if !(range > 0.0 && range.is_finite()) {
         return level;
     }
-    let step = libm::exp10(libm::floor(libm::log10(range)) - 3.0);
+    // Next to 0 the digits of the level mean nothing.
+    let least = level.abs().clamp(1e-6 * range, range);
+    let step = libm::exp10(libm::floor(libm::log10(least)) - 3.0);
     let rounded = (level / step).round() * step;
     // The nearest decimal number: `12 · 0.001` has digits of its own.
     format!("{rounded:.12e}").parse().unwrap_or(level)
@@ -246,7 +253,8 @@ fn signal_in_noise(plain: &Statistics, negated: &Statistics) -> Option<Found> {
     if sigma <= 0.0 || !is_even || !(7e-4..0.15).contains(&tail) || statistics.high < median + 5.0 * sigma {
         return None;
     }
-    let reason = format!("{NOISE} standard deviations of the noise from its median {}", number(sign * median / plain.scale));
+    let reason =
+        format!("{NOISE} standard deviations of the noise from its median {}", number(sign * median / plain.scale));
     Some(Found { levels: vec![level], sign, knows_side: true, reason })
 }
 

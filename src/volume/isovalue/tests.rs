@@ -163,8 +163,8 @@ fn two_classes_are_split_and_the_side_at_the_border_is_air() {
 #[test]
 fn a_surface_that_is_open_all_round_is_said() {
     let volume = made(|p| 80.0 - 60.0 * radius(p));
-    let chosen = Isovalue::Value(-10.0).resolve(&volume, None, None).unwrap();
-    assert!(chosen.warning.is_none());
+    let ball = Isovalue::Value(50.0).resolve(&volume, None, None).unwrap();
+    assert!(ball.warning.is_none());
     let hole = Isovalue::Value(50.0).resolve(&volume, Some(Solid::Below), None).unwrap();
     assert!(hole.warning.unwrap().contains("--solid above"));
 }

@@ -16,11 +16,11 @@ use super::super::source::Source;
 use super::super::{LengthUnit, Volume};
 use super::affine;
 use crate::error::{Error, Result};
-use layout::Layout;
 use ::tiff::decoder::{Decoder, DecodingResult, Limits};
 use ::tiff::tags::Tag;
 use ::tiff::{ColorType, TiffError};
 use glam::{DMat3, DVec3};
+use layout::Layout;
 use std::io::{Cursor, Read, Seek, SeekFrom};
 
 const NAME: &str = "TIFF";
