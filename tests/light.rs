@@ -320,7 +320,7 @@ fn previews_show_the_shadow_of_a_split_sun() {
     let contracted = contract(&scene.texture, &scene.selection.bricks(), &black, &material).unwrap();
     let top = View::named("top", volume.up).unwrap();
     let camera = Camera::framing(&volume.world_bounds(), volume.up, top, Projection::Orthographic, 1.0);
-    let options = RenderOptions { width: 64, height: 64, supersampling: 1 };
+    let options = RenderOptions { width: 64, height: 64, supersampling: 1, cap: true };
     let towards = DVec3::new(0.6, 0.0, 0.8);
     let sun = SunLight { direction_in_world: towards, angular_radius: 0.005, flux: [2.0; 3], rays: 4 };
     let (pyramid, contracted) = (&scene.pyramid, &contracted);

@@ -3,7 +3,7 @@
 use super::baking::{self, ForLight, Goal, Job, Share, Writing, fill, layout_of_scene, parse_time, size_on_disk};
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
-use super::isovalue::Isovalue;
+use super::isovalue::{Isovalue, tell};
 use super::light::open_probe;
 use super::options::{BakeArgs, Texture};
 use super::scene::SceneFile;
@@ -142,17 +142,18 @@ impl Bake {
         let scene = scene.as_ref();
         let mut opened = super::scene::open(&self.input, &self.volume, scene, &self.bake.transfer.effects())?;
         self.bake.transfer.switch_shadows(&mut opened.volume);
+        let is_empty = self.is_empty(&opened.volume)?;
+        // Before anything else: they decide the side that is matter.
+        let chosen = if is_empty { None } else { self.bake.isovalues(&mut opened, scene)? };
         let volume = &opened.volume;
         for note in &volume.notes {
             console.note(&note.text);
         }
         let geometry = opened.geometry.as_ref();
         let mut transfer = self.bake.transfer.clone();
-        let is_empty = self.is_empty(volume)?;
         if let (Some(time), false) = (self.auto, is_empty) {
             forecast::check("--auto", geometry.is_some(), self.bake.estimator)?;
-            let chosen = self.bake.isovalues(&opened, scene)?;
-            let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
+            let isovalues: Option<Vec<f64>> = chosen.as_ref().map(|list| list.iter().map(|c| c.value).collect());
             (transfer.texture, transfer.rays) =
                 self.choose_texture(volume, isovalues.as_deref(), time, start, seed, console)?;
         }
@@ -166,17 +167,10 @@ impl Bake {
             replay::run(volume, &layout, &settings, texel, console)?;
             return Ok(None);
         }
-        let chosen = if is_empty {
+        if is_empty {
             console.note("every sample is the same: no surface, the store is empty");
-            None
-        } else {
-            self.bake.isovalues(&opened, scene)?
-        };
-        for isovalue in chosen.iter().flatten() {
-            if let Some(reason) = &isovalue.reason {
-                console.note(format!("isovalue {}: {reason}", isovalue.value));
-            }
         }
+        tell(console, chosen.as_deref().unwrap_or_default());
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let light = self.light(volume, &layout)?;
         let effects = self.bake.transfer.effects();
@@ -234,7 +228,7 @@ impl Bake {
         let layers = self.bake.transfer.layout(volume, &self.bake.bands)?.layers;
         let isovalue = match isovalues {
             Some([first, ..]) => *first,
-            _ => Isovalue::Auto.resolve(volume, None)?.value,
+            _ => Isovalue::Auto.resolve(volume, Some(volume.solid), None)?.value,
         };
         let question = forecast::Question {
             volume,

@@ -36,7 +36,15 @@ pub(super) struct Compare {
     #[arg(value_name = "X.isolume")]
     input: String,
     /// Isovalues that the store holds: numbers in the file's values, percentages of their range, or auto
-    #[arg(short, long, value_name = "C[,C…]", value_delimiter = ',', required = true, allow_hyphen_values = true)]
+    #[arg(
+        short,
+        long,
+        visible_alias = "isovalues",
+        value_name = "C[,C…]",
+        value_delimiter = ',',
+        required = true,
+        allow_hyphen_values = true
+    )]
     isovalue: Vec<Isovalue>,
     /// Environment: an image file or a name, as relight takes it
     #[arg(short, long, value_name = "PROBE", required = true)]
@@ -110,7 +118,7 @@ impl Compare {
         let mut rows = Vec::new();
         let mut isovalues = Vec::new();
         for chosen in &self.isovalue {
-            isovalues.push(chosen.resolve(&volume, None)?.value);
+            isovalues.push(chosen.resolve(&volume, Some(volume.solid), None)?.value);
         }
         let names: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
         let files = self.pictures.files(&volume.name, &isovalues, &names)?;

@@ -172,7 +172,7 @@ fn bake(volume: &Volume, store: &Path, seed: u64, console: &Console) -> Outcome<
     let settings = Settings { layers: layout.layers.clone(), rays: RAYS, seed, target: None, positive: false };
     let isovalues: Vec<f64> = ISOVALUES
         .iter()
-        .map(|&c| Isovalue::Value(c).resolve(volume, None).map(|c| c.value))
+        .map(|&c| Isovalue::Value(c).resolve(volume, Some(volume.solid), None).map(|c| c.value))
         .collect::<Result<_, _>>()?;
     let effects = Effects::default();
     let job = Job { isovalues: Some(isovalues), start, ..Job::new(volume, VOLUME_NAME, layout, settings, &effects) };

@@ -31,7 +31,14 @@ pub(super) struct Doctor {
     #[arg(value_name = "FILE")]
     input: String,
     /// Look at this isosurface of a volume: a number in the file's values, a percentage of their range, or auto
-    #[arg(short, long, value_name = "C", default_value = "auto", allow_hyphen_values = true)]
+    #[arg(
+        short,
+        long,
+        visible_alias = "isovalues",
+        value_name = "C",
+        default_value = "auto",
+        allow_hyphen_values = true
+    )]
     isovalue: Isovalue,
     /// Layout of an environment image [default: from the file and its shape]
     #[arg(long, value_name = "LAYOUT", value_parser = super::light::parse_layout)]
@@ -87,18 +94,21 @@ impl Doctor {
     }
 
     fn volume(&self) -> Outcome<Diagnosis> {
-        let opened = input::open(&self.input, &self.volume)?;
-        let volume = &opened.volume;
-        let (low, high) = volume.value_range();
+        let mut opened = input::open(&self.input, &self.volume)?;
+        let (low, high) = opened.volume.value_range();
         // An isovalue that was asked for and does not exist is a finding; `auto` finds one wherever there is one.
-        let (isovalue, reason) = match self.isovalue.resolve(volume, opened.default_isovalue) {
-            Ok(chosen) => (Some(chosen.value), chosen.reason),
+        let (isovalue, reason) = match opened.choose(self.isovalue) {
+            Ok(chosen) => {
+                opened.take_side(std::slice::from_ref(&chosen))?;
+                (Some(chosen.value), chosen.reason)
+            }
             Err(_) => match self.isovalue {
                 Isovalue::Value(value) => (Some(value), None),
                 Isovalue::Percent(part) => (Some(low + part / 100.0 * (high - low)), None),
-                Isovalue::Auto => (None, None),
+                _ => (None, None),
             },
         };
+        let volume = &opened.volume;
         let mut findings = volume::diagnose::diagnose(volume, isovalue);
         if let Some(isovalue) = isovalue {
             findings.extend(level::diagnose::diagnose(volume, isovalue));
@@ -199,7 +209,7 @@ fn kind_of(argument: &str) -> Result<Kind> {
     }
     let path = Path::new(argument);
     let Ok(metadata) = path.metadata() else { return Ok(Kind::Volume) }; // It says what is missing.
-    if metadata.is_dir() {
+    if info::is_store(argument) {
         return Ok(Kind::Store);
     }
     if !metadata.is_file() {

@@ -3,13 +3,14 @@
 use super::complete::Completeness;
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
-use super::isovalue::{Isovalue, overview};
+use super::isovalue::{Chosen, Isovalue};
 use super::{Outcome, baking, input, options, text};
 use crate::error::{Error, Result};
 use crate::relight::texels_of_isosurface;
 use crate::transfer::store::{Holdings, Store};
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, Selection};
-use crate::volume::{LengthUnit, Solid, Volume, field};
+use crate::volume::isovalue::overview;
+use crate::volume::{LengthUnit, Series, Solid, Volume, field};
 use serde_json::json;
 use std::path::Path;
 
@@ -31,20 +32,20 @@ const BOHR: f64 = 5.291_772_109_03e-11;
 impl Info {
     pub(super) fn run(&self, console: &Console) -> Outcome {
         if is_store(&self.input) {
+            self.volume.refuse_for("a store")?;
             return store(&self.input, console);
         }
-        let opened = input::open(&self.input, &self.volume)?;
+        let opened = input::look_at(&self.input, &self.volume)?;
         let volume = &opened.volume;
         let (low, high) = volume.value_range();
         let histogram = overview(volume, BINS);
-        let suggested = Isovalue::Auto.resolve(volume, opened.default_isovalue).ok();
+        let suggested = opened.choose(Isovalue::Auto).ok();
         let mut rows = volume_rows(volume);
         rows.push(row("values", format!("{} to {}", text::number(low, 8), text::number(high, 8))));
         rows.push(row("histogram", text::sparkline(&histogram)));
         rows.push(row("", "square root of the counts, over the range of the values".into()));
         if let Some(chosen) = &suggested {
-            let reason = chosen.reason.as_deref().unwrap_or_default();
-            rows.push(row("isovalue", format!("{} ({reason})", text::number(chosen.value, 6))));
+            rows.extend(isovalue_rows(chosen));
         }
         let estimate = suggested.as_ref().and_then(|c| Estimate::new(volume, c.value).ok());
         if let Some(e) = &estimate {
@@ -57,6 +58,13 @@ impl Info {
                     text::bytes(e.one as f64)
                 ),
             ));
+        }
+        if let Some(text) = channels_text(&volume.series) {
+            rows.push(row("channels", text));
+        }
+        if volume.series.timepoints > 1 {
+            let last = volume.series.timepoints - 1;
+            rows.push(row("time points", format!("0 to {last}; choose with --timepoint")));
         }
         for note in &volume.notes {
             rows.push(row("note", note.text.clone()));
@@ -77,7 +85,14 @@ impl Info {
             "solid": solid_name(volume.solid),
             "range": [low, high],
             "histogram": histogram,
-            "suggested_isovalue": suggested.as_ref().map(|c| json!({ "value": c.value, "reason": c.reason })),
+            "suggested_isovalue": suggested.as_ref().map(|c| json!({
+                "value": c.value, "solid": solid_name(c.solid), "reason": c.reason, "warning": c.warning,
+                "more": c.more.iter().map(|l| l.value).collect::<Vec<_>>(),
+                "alternatives": c.alternatives.iter().map(|a| json!({ "isovalue": a.name, "value": a.level.value }))
+                    .collect::<Vec<_>>(),
+            })),
+            "channels": volume.series.channels, "channel": volume.series.channel,
+            "timepoints": volume.series.timepoints, "timepoint": volume.series.timepoint,
             "estimate": estimate.map(|e| json!({
                 "memory_bytes": e.memory, "store_bytes_all": e.all, "store_bytes_suggested": e.one,
             })),
@@ -90,6 +105,28 @@ impl Info {
 
 fn row(name: &str, value: String) -> Vec<String> {
     vec![name.into(), value]
+}
+
+/// What `auto` takes, and what else could be given.
+fn isovalue_rows(chosen: &Chosen) -> Vec<Vec<String>> {
+    let reason = chosen.reason.as_deref().unwrap_or_default();
+    let more: Vec<String> = chosen.more.iter().map(|level| text::number(level.value, 6)).collect();
+    let all = std::iter::once(text::number(chosen.value, 6)).chain(more).collect::<Vec<_>>().join(", ");
+    let mut rows = vec![row("isovalue", all), row("", reason.into())];
+    let others = chosen.alternatives.iter().map(|a| format!("{} = {}", a.name, text::number(a.level.value, 6)));
+    let others: Vec<String> = others.collect();
+    if !others.is_empty() {
+        rows.push(row("or", others.join(", ")));
+    }
+    rows.extend(chosen.warning.iter().map(|warning| row("warning", warning.clone())));
+    rows
+}
+
+/// `0 DAPI, 1 GFP`, where there are several.
+fn channels_text(series: &Series) -> Option<String> {
+    let one = |(i, name): (usize, &String)| format!("{i} {name}").trim_end().to_string();
+    let list = series.channels.iter().enumerate().map(one).collect::<Vec<_>>().join(", ");
+    (series.channels.len() > 1).then(|| format!("{list}; choose with --channel"))
 }
 
 fn metres(volume: &Volume) -> Option<f64> {
@@ -121,7 +158,10 @@ fn volume_rows(volume: &Volume) -> Vec<Vec<String>> {
     };
     let scaling = match (volume.slope(), volume.inter()) {
         (1.0, 0.0) => String::new(),
-        (slope, inter) => format!(", value = {slope} · sample + {inter}"),
+        (slope, inter) => {
+            let [slope, inter] = [slope, inter].map(|v| text::number(v, 12));
+            format!(", value = {slope} · sample + {inter}")
+        }
     };
     let hand = if volume.world_from_grid().is_left_handed() { "left-handed grid" } else { "right-handed grid" };
     let front = if volume.up.is_anatomical() { ", anterior (+y) is the front" } else { "" };
@@ -167,7 +207,15 @@ impl Estimate {
 /// Whether an argument names a store rather than a volume.
 pub(super) fn is_store(argument: &str) -> bool {
     let path = Path::new(argument);
-    path.is_dir() || (path.is_file() && argument.ends_with(".isolume")) || argument.ends_with(".isolume.zip")
+    (path.is_dir() && (argument.trim_end_matches('/').ends_with(".isolume") || !holds_slices(path)))
+        || (path.is_file() && argument.ends_with(".isolume"))
+        || argument.ends_with(".isolume.zip")
+}
+
+/// Whether a directory is no store but may be a folder of slices: it has files, and is no hierarchy of Zarr.
+fn holds_slices(folder: &Path) -> bool {
+    let is_file = |entry: std::io::Result<std::fs::DirEntry>| entry.is_ok_and(|entry| entry.path().is_file());
+    !folder.join("zarr.json").exists() && std::fs::read_dir(folder).is_ok_and(|mut entries| entries.any(is_file))
 }
 
 /// Refuses what is no store.

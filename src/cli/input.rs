@@ -5,7 +5,7 @@ use super::{Outcome, text};
 use crate::error::{Error, Result};
 use crate::geom::Up;
 use crate::scene::geometry::Geometry;
-use crate::volume::{ReadHint, Solid, Volume, field, open_with};
+use crate::volume::{Channel, Choice, ReadHint, Solid, Spacing, Volume, field, open_with};
 use clap::ValueEnum;
 use std::path::Path;
 
@@ -36,6 +36,19 @@ pub(super) struct VolumeArgs {
     /// The world axis that points up: x, y, z, -x, -y, -z [default: z]
     #[arg(long, value_parser = parse_up, allow_hyphen_values = true, value_name = "AXIS")]
     pub(super) up: Option<Up>,
+    /// Distance of the samples along x, y, z in place of the file's, perhaps with a unit: mm, um, nm, A, bohr
+    #[arg(long, value_name = "X,Y,Z[UNIT]")]
+    pub(super) spacing: Option<Spacing>,
+    /// The channel of a file that has several (OME-TIFF, ImageJ, NIfTI, NRRD), counted from 0, or its name
+    #[arg(long, value_name = "N|NAME")]
+    pub(super) channel: Option<Channel>,
+    /// The time point of a file that has several, counted from 0 [default: the first]
+    #[arg(long, value_name = "N")]
+    pub(super) timepoint: Option<usize>,
+    /// Drop all parts of the solid but the largest, such as the table below a head: at the isovalue asked for, of several at
+    /// the outermost. The volume is masked before the bake, so what is dropped casts no shadow either
+    #[arg(long)]
+    pub(super) keep_largest: bool,
     /// Read files that lie outside the folder of the file that names them (NRRD `data file`, raw sidecars)
     #[arg(long)]
     pub(super) allow_outside: bool,
@@ -83,6 +96,34 @@ impl VolumeArgs {
     pub(super) fn of_scene(&self) -> Self {
         Self { frame_of: self.frame_of.or(Some(FrameOf::Grid)), ..self.clone() }
     }
+
+    /// Which part of a file is the volume.
+    fn choice(&self) -> Choice {
+        Choice {
+            channel: self.channel.clone(),
+            timepoint: self.timepoint,
+            spacing: self.spacing,
+            allow_outside: self.allow_outside,
+            any_channel: false,
+        }
+    }
+
+    /// Refuses what says how a file is read, where none is: the volume of a store or of a field.
+    pub(super) fn refuse_for(&self, what: &str) -> Result<()> {
+        let given = [
+            ("--spacing", self.spacing.is_some()),
+            ("--channel", self.channel.is_some()),
+            ("--timepoint", self.timepoint.is_some()),
+            ("--keep-largest", self.keep_largest && what != "a field"),
+        ];
+        match given.iter().find(|(_, given)| *given) {
+            None => Ok(()),
+            Some((option, _)) => {
+                let remedy = "leave it out, or give it where the file is read: isolume bake FILE …";
+                Err(Error::argument(*option, format!("with {what}"), "a volume file", remedy))
+            }
+        }
+    }
 }
 
 fn parse_up(axis: &str) -> std::result::Result<Up, String> {
@@ -105,6 +146,10 @@ pub(super) struct Input {
     pub(super) label: String,
     /// The isovalue that shows a field best.
     pub(super) default_isovalue: Option<f64>,
+    /// Whether the largest part of the solid alone is to stay.
+    pub(super) keep_largest: bool,
+    /// Whether the side that is matter was given.
+    pub(super) side_is_given: bool,
     /// What stands around it.
     pub(super) geometry: Option<Geometry>,
     /// How its isovalues follow those of the first, where it stands among other volumes.
@@ -113,14 +158,28 @@ pub(super) struct Input {
 
 /// Opens a volume argument.
 pub(super) fn open(argument: &str, args: &VolumeArgs) -> Outcome<Input> {
+    open_as(argument, args, args.choice())
+}
+
+fn open_as(argument: &str, args: &VolumeArgs, choice: Choice) -> Outcome<Input> {
+    let (side_is_given, keep_largest) = (args.solid.is_some(), args.keep_largest);
     let mut input = match field::by_name(argument)? {
         Some(named) => {
+            args.refuse_for("a field")?;
             let default_isovalue = Some(named.field.default_isovalue());
-            Input { volume: named.sample()?, label: argument.into(), default_isovalue, geometry: None, joint: None }
+            Input {
+                volume: named.sample()?,
+                label: argument.into(),
+                default_isovalue,
+                side_is_given,
+                keep_largest,
+                geometry: None,
+                joint: None,
+            }
         }
         None => {
-            let (volume, label) = (open_file(argument, args)?, file_name(argument));
-            Input { volume, label, default_isovalue: None, geometry: None, joint: None }
+            let (volume, label) = (open_file(argument, args, choice)?, file_name(argument));
+            Input { volume, label, default_isovalue: None, side_is_given, keep_largest, geometry: None, joint: None }
         }
     };
     if let Some(side) = args.solid {
@@ -130,13 +189,18 @@ pub(super) fn open(argument: &str, args: &VolumeArgs) -> Outcome<Input> {
     Ok(input)
 }
 
-fn open_file(argument: &str, args: &VolumeArgs) -> Result<Volume> {
+/// As [`open`], for a list of what a file holds: of several channels the first, where none is chosen.
+pub(super) fn look_at(argument: &str, args: &VolumeArgs) -> Outcome<Input> {
+    open_as(argument, args, Choice { any_channel: true, ..args.choice() })
+}
+
+fn open_file(argument: &str, args: &VolumeArgs, choice: Choice) -> Result<Volume> {
     let path = Path::new(argument);
     if !path.exists() {
         return Err(missing(argument));
     }
     let solid = args.solid.map_or(Solid::Above, Solid::from);
-    open_with(path, &ReadHint { solid, ..ReadHint::default() }).map_err(|error| match error {
+    open_with(path, &ReadHint { solid, choice, ..ReadHint::default() }).map_err(|error| match error {
         // Readers do not know the name; a limit has no field for it.
         Error::Limit { what, needed, limit, remedy } => {
             Error::Limit { what: format!("{argument}: {what}"), needed, limit, remedy }

@@ -28,16 +28,16 @@ impl Joint {
             Some((first, default)) => (&**first, *default),
             None => (own, of_field),
         };
-        let chosen = isovalue.resolve(first, of_field)?;
+        let chosen = isovalue.resolve(first, Some(first.solid), of_field)?;
         self.coupling.check_isovalue(&self.volumes, 0, chosen.value)?;
         if self.member == 0 {
             return Ok(chosen);
         }
         let value = self.coupling.between(&self.volumes, 0, self.member).at(chosen.value);
-        let Chosen { value, .. } = Isovalue::Value(value).resolve(own, None)?;
+        let Chosen { value, .. } = Isovalue::Value(value).resolve(own, Some(own.solid), None)?;
         let names = [self.member, 0].map(|m| self.volumes[m].name.as_str());
         let reason = format!("of {}, with {} of {}", names[0], text::number(chosen.value, 6), names[1]);
-        Ok(Chosen { value, reason: Some(reason) })
+        Ok(Chosen { reason: Some(reason), ..Chosen::given(value, own.solid) })
     }
 }
 
@@ -58,9 +58,10 @@ impl Joint {
         let value = match named.isovalue {
             Isovalue::Value(value) => value,
             Isovalue::Percent(part) => low + part / 100.0 * (high - low),
-            Isovalue::Auto => {
+            _ => {
                 let remedy = format!("give a number, as in {name}={}", text::number(0.5 * (low + high), 3));
-                return Err(Error::argument("--isovalue", format!("{name}=auto"), "an isovalue beside a name", remedy));
+                let expected = "a number or a percentage beside a name";
+                return Err(Error::argument("--isovalue", format!("{name}=…"), expected, remedy));
             }
         };
         if !(low..=high).contains(&value) {
@@ -70,10 +71,10 @@ impl Joint {
         }
         self.coupling.check_isovalue(&self.volumes, from, value)?;
         if from == self.member {
-            return Isovalue::Value(value).resolve(own, None);
+            return Isovalue::Value(value).resolve(own, Some(own.solid), None);
         }
         let value = self.coupling.between(&self.volumes, from, self.member).at(value);
-        Isovalue::Value(value).resolve(own, None)
+        Isovalue::Value(value).resolve(own, Some(own.solid), None)
     }
 }
 
@@ -83,6 +84,10 @@ fn open_one(file: &SceneFile, description: &VolumeDescription, args: &VolumeArgs
         Failure::Library(error) => file.scene.at_line(description.volume.line, error).into(),
         other => other,
     };
+    if args.keep_largest {
+        let remedy = "leave it out, or mask each volume before";
+        return Err(refuse("--keep-largest", "one volume alone", remedy));
+    }
     let mut opened = input::open(&file.place_of(&description.volume.value), args).map_err(in_file)?;
     let placed = opened.volume.placed(description.world_from_file, description.translate);
     opened.volume = placed.map_err(|e| file.scene.at_line(description.volume.line, e))?;

@@ -51,8 +51,9 @@ pub(super) struct BakeArgs {
     #[arg(long, default_value = "5", value_name = "N[,N…]", value_delimiter = ',',
         value_parser = clap::value_parser!(u8).range(1..=MAX_BANDS as i64))]
     pub(super) bands: Vec<u8>,
-    /// Bake only the texels that these isosurfaces need: numbers, percentages, auto
-    #[arg(long, value_name = "C[,C…]", value_delimiter = ',', allow_hyphen_values = true)]
+    /// Bake only the texels that these isosurfaces need: numbers, 40%, 1.5sigma, 1.5rms, enclosed:5%, 300HU, bone,
+    /// skin, otsu, auto
+    #[arg(long, visible_alias = "isovalue", value_name = "C[,C…]", value_delimiter = ',', allow_hyphen_values = true)]
     pub(super) isovalues: Vec<Isovalue>,
     /// Estimator of the transfer
     #[arg(long, value_enum, default_value = "path")]
@@ -180,26 +181,19 @@ impl TransferArgs {
 
 impl BakeArgs {
     /// The isovalues asked for, in the file's values; `None` for all.
-    pub(super) fn isovalues(&self, opened: &Input, scene: Option<&SceneFile>) -> Result<Option<Vec<Chosen>>> {
+    pub(super) fn isovalues(&self, opened: &mut Input, scene: Option<&SceneFile>) -> Result<Option<Vec<Chosen>>> {
         if self.isovalues.is_empty() {
+            opened.check_all()?;
             return Ok(None);
         }
-        let (volume, of_field) = (&opened.volume, opened.default_isovalue);
-        let resolve = |i: &Isovalue| {
-            let found = match &opened.joint {
-                Some(joint) => joint.resolve(i, volume, of_field),
-                None => i.resolve(volume, of_field),
-            };
-            found.map_err(|e| in_scene(e, scene, i))
-        };
-        self.isovalues.iter().map(resolve).collect::<Result<Vec<_>>>().map(Some)
+        opened.settle(&self.isovalues, scene).map(Some)
     }
 }
 
 /// Names the line of a scene that an isovalue stands in.
 pub(super) fn in_scene(error: Error, scene: Option<&SceneFile>, isovalue: &Isovalue) -> Error {
     let Some(SceneFile { scene, .. }) = scene else { return error };
-    match scene.isovalues.iter().find(|i| i.value.parse().as_ref() == Ok(isovalue)) {
+    match scene.isovalues.iter().find(|i| i.value.parse().is_ok_and(|i: Isovalue| i == *isovalue)) {
         Some(written) => scene.at_line(written.line, error),
         None => error,
     }

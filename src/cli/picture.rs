@@ -72,6 +72,9 @@ pub(super) struct PictureArgs {
     /// stay in register
     #[arg(long, value_enum, default_value = "surface")]
     pub(super) frame: Frame,
+    /// Where the solid reaches the border of the box: a flat face over the cut, or nothing, as meshes have it
+    #[arg(long, value_enum, default_value = "flat")]
+    pub(super) cap: Cap,
     /// Rays along each side of a pixel
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=16))]
     pub(super) supersampling: u8,
@@ -87,6 +90,15 @@ pub(super) struct PictureArgs {
     /// What a turntable turns
     #[arg(long, value_enum, default_value = "view")]
     pub(super) turn: Turn,
+}
+
+/// What is seen where the box cuts the solid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Cap {
+    /// A flat face
+    Flat,
+    /// Nothing: the surface ends with an open edge
+    Open,
 }
 
 /// What is behind the surface.

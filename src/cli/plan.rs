@@ -65,11 +65,11 @@ impl Plan {
         let scene = scene.as_ref();
         let mut opened = super::scene::open(&self.input, &self.volume, scene, &self.bake.transfer.effects())?;
         self.bake.transfer.switch_shadows(&mut opened.volume);
+        let chosen = self.bake.isovalues(&mut opened, scene)?;
         let volume = &opened.volume;
         let geometry = opened.geometry.as_ref();
         let layout = layout_of_scene(self.bake.transfer.layout(volume, &self.bake.bands)?, geometry);
         let settings = self.bake.transfer.settings(&layout, seed, false);
-        let chosen = self.bake.isovalues(&opened, scene)?;
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let effects = self.bake.transfer.effects();
         let mut job = Job::of_options(&opened, scene, &self.bake, isovalues, layout, settings, &effects);
@@ -113,7 +113,7 @@ impl Plan {
         let orientation = Orientation::new(job.volume.up, 0.0)?;
         let isovalue = match job.isovalues.as_deref() {
             Some([first, ..]) => *first,
-            _ => Isovalue::Auto.resolve(job.volume, of_field)?.value,
+            _ => Isovalue::Auto.resolve(job.volume, Some(job.volume.solid), of_field)?.value,
         };
         let question = forecast::Question {
             volume: job.volume,

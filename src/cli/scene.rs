@@ -133,6 +133,11 @@ impl SceneFile {
         Ok(file)
     }
 
+    /// A scene that the program makes itself, with paths as the user gave them; `name` is for messages.
+    pub(super) fn from_text(text: &str, name: &str) -> Result<Self> {
+        Ok(Self { scene: Scene::parse(text, name)?, folder: PathBuf::new(), member: 0 })
+    }
+
     /// Walls and luminaires; `None` where there are none, or all are switched off.
     fn geometry(&self, input: &Input, effects: &Effects, allow_outside: bool) -> Outcome<Option<Geometry>> {
         let mut surroundings = self.scene.surroundings.clone();

@@ -1,7 +1,7 @@
 //! Pictures for print and film: what is behind the surface, tone, a scale bar, and turntables.
 
 use super::light::{LightArgs, Lighting};
-use super::picture::{Background, PictureArgs, Tone, Turn};
+use super::picture::{Background, Cap, PictureArgs, Tone, Turn};
 use super::relight::Companion;
 use super::scene_light::contracted as contracted_by;
 use super::scene_walls::{WallQuestion, Walls, in_view};
@@ -78,7 +78,12 @@ impl Still<'_> {
             }
             None => self.args.camera(self.surface, self.volume, self.up, view),
         };
-        let options = RenderOptions { width, height, supersampling: usize::from(self.args.supersampling) };
+        let options = RenderOptions {
+            width,
+            height,
+            supersampling: usize::from(self.args.supersampling),
+            cap: self.args.cap == Cap::Flat,
+        };
         let picture = self.picture(contracted, lighting, &camera, &options)?;
         let mut image = match self.args.background {
             Background::Colour(colour) => develop(&picture, self.exposure, self.args.tone, &|_, _| colour)?,

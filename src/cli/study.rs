@@ -49,7 +49,14 @@ pub(super) struct Study {
     #[arg(value_name = "VOLUME", required = true)]
     input: Option<String>,
     /// Isovalue: a number in the file's values, a percentage of their range, or auto
-    #[arg(short, long, value_name = "C", default_value = "auto", allow_hyphen_values = true)]
+    #[arg(
+        short,
+        long,
+        visible_alias = "isovalues",
+        value_name = "C",
+        default_value = "auto",
+        allow_hyphen_values = true
+    )]
     isovalue: Isovalue,
     /// Environment: an image file or a name, as relight takes it
     #[arg(short, long, value_name = "PROBE", default_value = "courtyard")]
@@ -132,14 +139,15 @@ impl Study {
         if let Some(OtherStudy::Placements(other)) = &self.other {
             return other.run(seed, console);
         }
-        let opened = super::input::open(self.input.as_deref().unwrap_or_default(), &self.volume)?;
+        let mut opened = super::input::open(self.input.as_deref().unwrap_or_default(), &self.volume)?;
+        let chosen = opened.choose(self.isovalue)?;
+        opened.take_side(std::slice::from_ref(&chosen))?;
         let volume = &opened.volume;
         for note in &volume.notes {
             console.note(&note.text);
         }
         let folder = output::result_folder(self.output.as_deref(), format!("{}-study", volume.name), "study.csv")?;
         volume.check_cells()?;
-        let chosen = self.isovalue.resolve(volume, opened.default_isovalue)?;
         let probe = open_probe(&self.env, false, None)?;
         let orientation = Orientation::new(volume.up, 0.0)?;
         let pyramid = Pyramid::new(volume);

@@ -352,7 +352,7 @@ fn names_are_understood_or_refused() {
     }
     assert!(by_name("room.exr").unwrap().is_none());
     assert!(matches!(open("no/such/file", &ReadOptions::default()), Err(Error::Argument { .. })));
-    assert!(matches!(open(env!("CARGO_MANIFEST_DIR"), &ReadOptions::default()), Err(Error::Io { .. })));
+    assert!(open(env!("CARGO_MANIFEST_DIR"), &ReadOptions::default()).unwrap_err().to_string().contains("a directory"));
     let twice = by_name("constant:2").unwrap().unwrap();
     assert_eq!(twice.coefficients(1)[0].values()[0], 2.0 * (4.0 * PI).sqrt());
 }

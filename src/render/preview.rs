@@ -3,7 +3,7 @@
 use super::Camera;
 use super::sun::{Disk, SunLight};
 use crate::geom::Bounds;
-use crate::level::{Counts, LevelField, Outcome, Pyramid, Start};
+use crate::level::{CellPoint, Counts, LevelField, Outcome, Pyramid, Start};
 use crate::relight::{Contracted, Light, LookupReport, Material};
 use crate::volume::{Sample, Volume, with_samples};
 use glam::{DVec3, Vec3};
@@ -18,6 +18,9 @@ pub struct RenderOptions {
     pub height: usize,
     /// Rays along each side of a pixel: n² rays a pixel, on a regular grid.
     pub supersampling: usize,
+    /// Whether the cut of the box through the solid is drawn as a flat face; else rays pass through the solid there, and
+    /// show what a mesh does whose back faces are not drawn.
+    pub cap: bool,
 }
 
 /// A picture in linear radiance, not yet exposed.
@@ -84,8 +87,8 @@ pub fn radiance_along(
 /// Every surface point tests whether it sees the `suns` that were split off the environment. What `backdrop` shows stands
 /// before or behind the level set.
 ///
-/// Where a ray enters the box inside the solid it sees a cut face; that has no surface point, so it is shaded as
-/// an unoccluded one of the box face, at half strength.
+/// Where a ray enters the box inside the solid it sees a cut face ([`RenderOptions::cap`]); that has no surface point, so
+/// it is shaded as an unoccluded one of the box face, at half strength.
 pub fn render(
     subject: &Subject<'_>,
     suns: &[SunLight],
@@ -114,6 +117,9 @@ pub fn render(
     }
     Picture { width: options.width, height: options.height, pixels, counts, report }
 }
+
+/// Steps of a ray through the solid, in voxels.
+const STEP_IN_SOLID: f64 = 0.25;
 
 struct Scene<'a, T> {
     field: LevelField<'a, T>,
@@ -177,8 +183,19 @@ impl<T: Sample> Scene<'_, T> {
         let origin = grid_from_world.point(origin);
         let direction = grid_from_world.vector(direction).normalize();
         let (entry, face) = enter(&self.clip, origin, direction)?;
-        let at = self.field.locate(entry.to_array());
-        if self.field.sign() * (self.field.raw_value(&at) - self.isovalue) > 0.0 {
+        let mut at = self.field.locate(entry.to_array());
+        let is_solid = |at: &CellPoint| self.field.sign() * (self.field.raw_value(at) - self.isovalue) > 0.0;
+        if !self.options.cap {
+            let mut place = entry;
+            while is_solid(&at) {
+                place += direction * STEP_IN_SOLID;
+                if place.clamp(self.clip.min, self.clip.max) != place {
+                    return None;
+                }
+                at = self.field.locate(place.to_array());
+            }
+        }
+        if is_solid(&at) {
             // A cut through the solid: the normal of the box face, as a covector.
             let mut gradient = Vec3::ZERO;
             gradient[face] = direction[face].signum() as f32;

@@ -119,7 +119,7 @@ pub use volumes::VolumeDescription;
 use super::{Coupling, EmissionRule};
 use crate::error::{Error, Result};
 use crate::geom::Up;
-use crate::volume::Solid;
+use crate::volume::{Isovalue, Solid};
 use read::{Item, Section, Source};
 
 /// A value and its line in the file, from 1.
@@ -207,7 +207,14 @@ impl Scene {
         let solid = all.get("solid").map(|item| side(&item)).transpose()?;
         let up = all.get("up").map(|item| axis(&item)).transpose()?;
         let isovalues = match all.get("isovalues") {
-            Some(item) => item.one_or_more()?.iter().map(isovalue).collect::<Result<_>>()?,
+            Some(item) => {
+                let list = item.one_or_more()?;
+                if list.len() > MOST_ISOVALUES {
+                    let expected = format!("at most {MOST_ISOVALUES} isovalues (found {})", list.len());
+                    return Err(item.refuse(expected, "bake all isovalues at once: leave the list out"));
+                }
+                list.iter().map(isovalue).collect::<Result<_>>()?
+            }
             None => Vec::new(),
         };
         let outputs = match all.get("outputs") {
@@ -273,17 +280,20 @@ fn axis(item: &Item<'_>) -> Result<Up> {
 }
 
 /// A number, or text such as "40%" or "auto".
+/// Most isovalues of a scene or of a command: each takes a pass over the volume.
+pub const MOST_ISOVALUES: usize = 1000;
+
 fn isovalue(item: &Item<'_>) -> Result<Located<String>> {
     let value = match (item.as_number(), item.as_text()) {
         (Some(number), _) => Some(number.to_string()),
-        (None, Some("auto")) => Some("auto".to_string()),
-        (None, Some(text)) => {
-            let part = text.strip_suffix('%').and_then(|part| part.trim().parse::<f64>().ok());
-            part.filter(|part| (0.0..=100.0).contains(part)).map(|_| text.to_string())
-        }
+        (None, Some(text)) => match text.parse() {
+            Ok(Isovalue::Percent(part)) if !(0.0..=100.0).contains(&part) => None,
+            Ok(Isovalue::Value(_)) | Err(_) => None,
+            Ok(_) => Some(text.to_string()),
+        },
         _ => None,
     };
-    let expected = "a number, a percentage such as \"40%\", or \"auto\"";
+    let expected = "a number, or text such as \"40%\", \"1.5sigma\", \"bone\" or \"auto\"";
     let value = value.ok_or_else(|| item.refuse(expected, "numbers stand without quotes"))?;
     Ok(Located { value, line: item.line() })
 }

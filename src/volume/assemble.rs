@@ -6,7 +6,7 @@
 use super::decode::Data;
 use super::diagnose::REPLACED;
 use super::read::ReadHint;
-use super::{LengthUnit, Note, Samples, Solid, Volume};
+use super::{LengthUnit, Note, Samples, Series, Solid, Volume};
 use crate::error::{Error, Result};
 use crate::geom::Affine;
 
@@ -24,6 +24,7 @@ pub(crate) struct Parts {
     pub(crate) inter: f64,
     pub(crate) world_from_grid: Affine,
     pub(crate) unit: LengthUnit,
+    pub(crate) series: Series,
     pub(crate) notes: Vec<Note>,
 }
 
@@ -37,7 +38,12 @@ pub(crate) fn note(text: impl Into<String>, count: usize) -> Note {
 /// # Errors
 /// When no sample is finite or the scaling is not usable.
 pub(crate) fn assemble(parts: Parts, hint: &ReadHint) -> Result<Volume> {
-    let Parts { format, dims, data, mut slope, inter, world_from_grid, unit, mut notes } = parts;
+    let Parts { format, dims, data, mut slope, inter, mut world_from_grid, mut unit, series, mut notes } = parts;
+    if let Some(spacing) = &hint.choice.spacing {
+        let (made, in_unit) = spacing.apply(world_from_grid, unit);
+        let refuse = || Error::argument("--spacing", format!("{spacing:?}"), "spacings of ordinary size", "correct it");
+        (world_from_grid, unit) = (made.ok_or_else(refuse)?, in_unit);
+    }
     if !(slope.is_finite() && inter.is_finite() && slope != 0.0) {
         return Err(Error::format(
             format,
@@ -94,6 +100,7 @@ pub(crate) fn assemble(parts: Parts, hint: &ReadHint) -> Result<Volume> {
     volume.name = hint.name.clone();
     volume.unit = unit;
     volume.solid = hint.solid;
+    volume.series = series;
     volume.notes = notes;
     Ok(volume)
 }
@@ -213,11 +220,23 @@ pub(crate) fn permute(data: Data, file_dims: [usize; 3], axis: [usize; 3]) -> (D
     (each!(U8, I8, U16, I16, U32, I32, U64, I64, F32, F64), dims)
 }
 
+/// Some of the samples, as a grid of their own: `first` and the strides of x, y, z say where they are.
+pub(crate) fn pick(data: Data, first: usize, stride: [usize; 3], dims: [usize; 3]) -> Data {
+    macro_rules! each {
+        ($($variant:ident),*) => {
+            match data {
+                $(Data::$variant(v) => Data::$variant(gather(v.get(first..).unwrap_or_default(), dims, stride)),)*
+            }
+        };
+    }
+    each!(U8, I8, U16, I16, U32, I32, U64, I64, F32, F64)
+}
+
 /// out[x, y, z] = samples[x·stride_x + y·stride_y + z·stride_z], in blocks that stay in cache
 /// whichever axis the input runs along fastest.
 fn gather<T: Copy + Default>(samples: &[T], dims: [usize; 3], stride: [usize; 3]) -> Vec<T> {
     const BLOCK: usize = 32;
-    let mut out = vec![T::default(); samples.len()];
+    let mut out = vec![T::default(); dims.iter().product()];
     let blocks = |n: usize| (0..n).step_by(BLOCK).map(move |start| (start, n.min(start + BLOCK)));
     for (z0, z1) in blocks(dims[2]) {
         for (y0, y1) in blocks(dims[1]) {

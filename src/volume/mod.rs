@@ -13,14 +13,22 @@
 //! * Samples are finite: readers replace NaN and infinities and say so in a [`Note`].
 
 mod assemble;
+pub mod choice;
+mod components;
 mod decode;
 pub mod diagnose;
 pub mod field;
+mod foreign;
 mod format;
+pub mod isovalue;
 pub mod open;
 pub mod read;
+mod slices;
 mod source;
 
+pub use choice::{Channel, Choice, Series, Spacing};
+pub use components::Removed;
+pub use isovalue::Isovalue;
 pub use open::{open, open_with};
 pub use read::{ReadHint, read};
 
@@ -183,6 +191,26 @@ pub struct Note {
 /// samples by up to 54, which must not overflow `f32`. File readers rescale from 2^100 on.
 pub const MOST_MAGNITUDE: f32 = f32::from_bits((127 + 122) << 23);
 
+/// The largest magnitude of a world coordinate and of a spacing, and the inverse of the smallest spacing: squares of
+/// distances and of gradients per world unit must not overflow `f32`, in which surfaces are written.
+pub const MOST_EXTENT: f64 = 1e18;
+
+/// Refuses a grid whose place in the world is beyond [`MOST_EXTENT`].
+fn check_extent(dims: [usize; 3], world_from_grid: &Affine) -> Result<()> {
+    let spacing = world_from_grid.spacing();
+    let last = DVec3::from_array(dims.map(|d| d.saturating_sub(1) as f64));
+    let reach = world_from_grid.offset().abs().max_element() + (spacing * last).element_sum();
+    if reach <= MOST_EXTENT && spacing.max_element() <= MOST_EXTENT && spacing.min_element() >= 1.0 / MOST_EXTENT {
+        return Ok(());
+    }
+    Err(Error::argument(
+        "spacing",
+        format!("{:e} × {:e} × {:e}, up to {reach:e} from the origin", spacing.x, spacing.y, spacing.z),
+        "spacings of 1e-18 to 1e18, and a box within 1e18 of the origin",
+        "correct the header, or give the spacing in a fitting unit with --spacing X,Y,Z",
+    ))
+}
+
 /// A scalar volume.
 #[derive(Clone, Debug)]
 pub struct Volume {
@@ -206,6 +234,8 @@ pub struct Volume {
     pub convex_side: Option<Solid>,
     /// Whether its level sets can shade themselves.
     pub shadowing: Shadowing,
+    /// What else its file holds, where the format can hold more than one volume.
+    pub series: Series,
     /// What the reader noticed.
     pub notes: Vec<Note>,
 }
@@ -226,8 +256,8 @@ impl Volume {
     /// A volume from its parts; slope 1, inter 0, unit unknown, up z, solid above.
     ///
     /// # Errors
-    /// When the number of samples is not the product of `dims`, is 0, or a sample is not finite or larger in
-    /// magnitude than [`MOST_MAGNITUDE`].
+    /// When the number of samples is not the product of `dims`, is 0, a sample is not finite or larger in
+    /// magnitude than [`MOST_MAGNITUDE`], or the grid lies beyond [`MOST_EXTENT`].
     pub fn new(dims: [usize; 3], samples: Samples, world_from_grid: Affine) -> Result<Self> {
         let count = dims.iter().try_fold(1usize, |n, &d| n.checked_mul(d)).unwrap_or(0);
         if count == 0 || count != samples.len() {
@@ -252,6 +282,7 @@ impl Volume {
                 "replace NaN and infinities first; the file readers do so and report it",
             ));
         }
+        check_extent(dims, &world_from_grid)?;
         let raw_range = samples.raw_range();
         let largest = raw_range.0.abs().max(raw_range.1.abs());
         if largest > MOST_MAGNITUDE {
@@ -275,6 +306,7 @@ impl Volume {
             solid: Solid::Above,
             convex_side: None,
             shadowing: Shadowing::Found,
+            series: Series::default(),
             notes: Vec::new(),
         })
     }
@@ -341,7 +373,10 @@ impl Volume {
         let before = self.world_from_grid;
         let world_from_grid = Affine::new(linear * before.linear(), linear * before.offset() + translate);
         match world_from_grid.filter(|_| translate.is_finite()) {
-            Some(world_from_grid) => Ok(Self { world_from_grid, ..self }),
+            Some(world_from_grid) => {
+                check_extent(self.dims, &world_from_grid)?;
+                Ok(Self { world_from_grid, ..self })
+            }
             None => {
                 let found = format!("a map {linear:?} and {translate:?}");
                 let remedy = "choose a scale of ordinary size";

@@ -1,21 +1,24 @@
-//! The only place of this module that opens files. Data files that a header names (NRRD `data
-//! file:`, NIfTI pairs, raw sidecars) are looked up relative to the header.
+//! Volumes by their path. Data files that a header names (NRRD `data file:`, NIfTI pairs, raw sidecars) lie in the
+//! folder of the header or below ([`crate::file::Beside`]), and each gets a note.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
-use super::Volume;
+use super::assemble::note;
 use super::format::tiff;
 use super::read::{Format, ReadHint, detect, read_with};
 use super::source::Source;
+use super::{Volume, slices};
 use crate::error::{Error, Result};
-use std::fs::File;
+use crate::file::{Beside, open_named};
+use std::cell::RefCell;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
-/// Reads the volume in a file; its name becomes the file's stem.
+/// Reads the volume in a file, or in a folder with one file for each section; its name becomes the file's stem.
 ///
 /// # Errors
-/// As [`super::read::read`], with the file named; the system's errors when it cannot be opened.
+/// As [`super::read::read`], with the file named; the system's errors when it cannot be opened; when a file that it
+/// names lies outside its folder.
 pub fn open(path: impl AsRef<Path>) -> Result<Volume> {
     open_with(path, &ReadHint::default())
 }
@@ -26,7 +29,10 @@ pub fn open(path: impl AsRef<Path>) -> Result<Volume> {
 /// As [`open`].
 pub fn open_with(path: impl AsRef<Path>, hint: &ReadHint) -> Result<Volume> {
     let path = path.as_ref();
-    let (mut file, length) = open_file(path)?;
+    if path.is_dir() {
+        return slices::open(path, hint);
+    }
+    let (mut file, length) = open_named(path)?;
     let hint = ReadHint { name: stem(path), length, ..hint.clone() };
     // TIFF wants to seek: a plain file can, so that its pages need not be held twice.
     let mut head = [0; 4];
@@ -39,32 +45,22 @@ pub fn open_with(path: impl AsRef<Path>, hint: &ReadHint) -> Result<Volume> {
     if let (true, Some(length)) = (is_tiff, length) {
         return tiff::read(BufReader::new(file), length, &hint).map_err(|e| e.in_file(path));
     }
-    let directory = path.parent().unwrap_or(Path::new(""));
-    let beside = |name: &Path| -> Result<Source<'static>> {
-        let data = directory.join(name);
-        let (file, length) = open_file(&data)?;
-        Ok(Source::new(file, length))
+    let beside = Beside::new(path, hint.choice.allow_outside);
+    let read_too = RefCell::new(Vec::new());
+    let open_beside = |name: &Path| -> Result<Source<'static>> {
+        let (file, length, path) = beside.open(name)?;
+        read_too.borrow_mut().push(path);
+        Ok(Source::new(file, Some(length)))
     };
-    read_with(Source::new(file, length), &hint, Some(&beside)).map_err(|e| e.in_file(path))
-}
-
-/// Opens a file; its length where it is a regular one.
-fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
-    let file = File::open(path).map_err(|e| Error::io(path, "open", e))?;
-    let metadata = file.metadata().map_err(|e| Error::io(path, "open", e))?;
-    if metadata.is_dir() {
-        return Err(Error::argument(
-            "volume",
-            path.display(),
-            "a file",
-            "this is a directory; name the volume file in it",
-        ));
-    }
-    Ok((file, metadata.is_file().then_some(metadata.len())))
+    let volume = read_with(Source::new(file, length), &hint, Some(&open_beside)).map_err(|e| e.in_file(path));
+    volume.map(|mut volume| {
+        volume.notes.extend(read_too.take().iter().map(|p| note(format!("samples were read from {}", p.display()), 1)));
+        volume
+    })
 }
 
 /// The file's name without `.gz` and without its suffix.
-fn stem(path: &Path) -> String {
+pub(super) fn stem(path: &Path) -> String {
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let name = name.strip_suffix(".gz").unwrap_or(&name);
     Path::new(name).file_stem().map_or_else(|| "volume".into(), |s| s.to_string_lossy().into_owned())

@@ -8,20 +8,21 @@
 //!
 //! | format | read | not read (refused by name) |
 //! |---|---|---|
-//! | NIfTI-1 | .nii, pairs; all integer and real types; first volume of a series | NIfTI-2, complex, RGB |
-//! | NRRD | attached and detached; raw, gzip, ascii; three axes | lists of files, hex, bzip2, vectors |
+//! | NIfTI-1 | .nii, pairs; all integer and real types; one time point and channel | NIfTI-2, complex, RGB |
+//! | NRRD | attached and detached; raw, gzip, ascii; one time point and channel | lists of files, hex, bzip2 |
 //! | MRC, CCP4 | modes 0, 1, 2, 6, 12; any axis order and cell | complex and packed modes |
 //! | Gaussian cube | density and orbital files (first value of a point) | |
 //! | legacy VTK | STRUCTURED_POINTS, ASCII and BINARY | other data sets, vectors |
-//! | TIFF | grey pages, ImageJ spacing | colour, hyperstacks |
+//! | TIFF | grey pages; OME-TIFF and ImageJ by their metadata, one time point and channel; folders of slices | colour, sets of files |
 //! | NumPy .npy | three axes [z, y, x], either memory order | bool, complex, structures |
 //! | raw | with a JSON sidecar | |
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
+use super::foreign;
 use super::format::{cube, mrc, nifti, npy, nrrd, raw, tiff, vtk};
 use super::source::Source;
-use super::{Solid, Volume};
+use super::{Choice, Solid, Volume};
 use crate::error::{Error, Result};
 use std::io::Read;
 use std::path::Path;
@@ -39,11 +40,19 @@ pub struct ReadHint {
     /// Length of the stream in bytes where it is known, so that a short file is refused before
     /// it is read.
     pub length: Option<u64>,
+    /// Which part of the file is the volume, and its spacing.
+    pub choice: Choice,
 }
 
 impl Default for ReadHint {
     fn default() -> Self {
-        Self { name: "volume".into(), solid: Solid::Above, max_bytes: 64 << 30, length: None }
+        Self {
+            name: "volume".into(),
+            solid: Solid::Above,
+            max_bytes: 64 << 30,
+            length: None,
+            choice: Choice::default(),
+        }
     }
 }
 
@@ -71,7 +80,12 @@ pub(crate) fn read_with(mut source: Source, hint: &ReadHint, beside: Option<Open
         source = source.gunzip();
     }
     let head = source.peek(LOOK_AHEAD).map_err(from_read)?;
-    match detect(head)? {
+    let format = detect(head)?;
+    if !matches!(format, Format::Nifti | Format::Nrrd | Format::Tiff) {
+        // Of these a file holds one volume.
+        hint.choice.of("volume", Vec::new(), 1, &mut Vec::new())?;
+    }
+    match format {
         Format::Nifti => nifti::read(source, hint, beside),
         Format::Nrrd => nrrd::read(source, hint, beside),
         Format::Mrc => mrc::read(source, hint),
@@ -123,30 +137,5 @@ pub(crate) fn detect(head: &[u8]) -> Result<Format> {
     if cube::is_cube(head) {
         return Ok(Format::Cube);
     }
-    Err(unknown(head))
-}
-
-/// The error for content of no known format; common neighbours are named.
-fn unknown(head: &[u8]) -> Error {
-    let at = |offset: usize, magic: &[u8]| head.get(offset..).is_some_and(|rest| rest.starts_with(magic));
-    let known = "NIfTI-1, NRRD, MRC/CCP4, Gaussian cube, legacy VTK, TIFF, NumPy .npy, or raw with a JSON sidecar";
-    let (found, remedy) = if head.is_empty() {
-        ("an empty file".to_string(), "check how it was written or copied")
-    } else if at(0, b"\x89HDF\r\n") {
-        ("HDF5".into(), "export the data set, for example with h5py and numpy.save")
-    } else if at(128, b"DICM") {
-        ("DICOM".into(), "convert the series to NIfTI, for example with dcm2niix")
-    } else if at(0, b"<?xml") || at(0, b"<VTKFile") {
-        ("XML, perhaps VTK's .vti".into(), "write legacy VTK (vtkStructuredPointsWriter) or NRRD instead")
-    } else if at(0, b"PK\x03\x04") {
-        ("a zip archive".into(), "unpack it; a NumPy .npz holds .npy files")
-    } else if at(0, b"\x1f\x8b") {
-        ("gzip within gzip".into(), "unpack it once")
-    } else if at(0, b"BZh") || at(0, b"\xfd7zXZ") || at(0, b"\x28\xb5\x2f\xfd") {
-        ("bzip2, xz or zstd".into(), "unpack it, or compress with gzip")
-    } else {
-        let start = String::from_utf8_lossy(&head[..head.len().min(24)]).into_owned();
-        (format!("a file that starts with {start:?}"), "convert it, or describe raw samples in a JSON sidecar")
-    };
-    Error::format("volume", found, known, remedy)
+    Err(foreign::unknown(head))
 }

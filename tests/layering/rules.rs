@@ -158,7 +158,7 @@ pub const FILE_SYSTEM_FILES: &[(&str, &str)] = &[
     ("src/file.rs", "opens plain files, for all others"),
     ("src/staging.rs", "makes files beside their place, for all others"),
     ("src/volume/open.rs", "opens a volume and the files its header names"),
-    ("src/probe/mod.rs", "opens an environment by its path"),
+    ("src/volume/slices.rs", "lists a folder of slices"),
 ];
 
 /// Crates that belong to certain modules.

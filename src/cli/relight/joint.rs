@@ -84,8 +84,10 @@ impl Members {
             _ => None,
         };
         let chosen = match only {
-            Some(value) => Chosen { value, reason: Some("the store holds it".into()) },
-            None => named.isovalue.resolve(&of.volume, None)?,
+            Some(value) => {
+                Chosen { reason: Some("the store holds it".into()), ..Chosen::given(value, of.volume.solid) }
+            }
+            None => named.isovalue.resolve(&of.volume, Some(of.volume.solid), None)?,
         };
         let mut all = Vec::new();
         for member in &self.0 {
@@ -95,7 +97,10 @@ impl Members {
         let reason = all.iter().zip(&self.0).map(|(c, m)| format!("{} {}", m.coupling.name, text::number(*c, 6)));
         let reason = reason.collect::<Vec<_>>().join(", ");
         Ok((
-            Chosen { value: all[0], reason: Some(chosen.reason.map_or(reason.clone(), |r| format!("{r}; {reason}"))) },
+            Chosen {
+                reason: Some(chosen.reason.map_or(reason.clone(), |r| format!("{r}; {reason}"))),
+                ..Chosen::given(all[0], self.0[0].volume.solid)
+            },
             all,
         ))
     }
@@ -242,7 +247,9 @@ pub(super) fn bake(
         opened.volume.notes.iter().for_each(|note| console.note(&note.text));
         let volume = &opened.volume;
         let resolve = |named: &NamedIsovalue| {
-            let Some(joint) = &opened.joint else { return named.isovalue.resolve(volume, None) };
+            let Some(joint) = &opened.joint else {
+                return named.isovalue.resolve(volume, Some(volume.solid), None);
+            };
             let chosen = joint.resolve_named(named, volume, opened.default_isovalue);
             chosen.map_err(|e| options::in_scene(e, Some(&file), &named.isovalue))
         };

@@ -2,6 +2,7 @@
 
 mod file;
 mod joint;
+mod lobes;
 mod report;
 mod work;
 
@@ -11,7 +12,7 @@ pub(super) use joint::Companion;
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::inputs::Inputs;
-use super::isovalue::{Chosen, Isovalue, NamedIsovalue};
+use super::isovalue::{Chosen, Isovalue, NamedIsovalue, check_count};
 use super::light::{LightArgs, MaterialArgs, open_probe};
 use super::options::TransferArgs;
 use super::picture::PictureArgs;
@@ -24,9 +25,10 @@ use crate::scene::geometry::Geometry;
 use crate::scene::{EmissionRule, MaterialRule};
 use crate::transfer::store::{FRONT_NOT_RECORDED, Store};
 use crate::volume::Volume;
+use crate::volume::isovalue::Level;
 use joint::Members;
 use report::report;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use work::{Source, Work};
 
@@ -35,22 +37,27 @@ use work::{Source, Work};
 /// From a store nothing is traced: transfer and light are multiplied. A volume is baked first, for the
 /// isovalues asked for, into a store in the user's cache folder; the next run finds it there. Where that takes
 /// longer than a moment, a draft of 16 rays a texel is written first, then replaced.
-#[derive(clap::Args)]
+#[derive(clap::Args, Clone)]
 #[command(after_help = "Examples:
   isolume relight brain.isolume --isovalue 90 --env courtyard -o brain.glb
   isolume relight brain.isolume --isovalue 90,160 --env studio -o {isovalue}.png
   isolume relight brain.isolume --isovalue 90 --env sunset.exr --env sky -o out/
   isolume relight bumpbox:96 --isovalue auto --env sun:-45,30 -o bumps.png
+  isolume relight orbital.cube --isovalue 0.03,-0.03 --env studio -o orbital.png   (both lobes)
+  isolume relight head.nii.gz --isovalue bone --env studio --keep-largest -o skull.png
   isolume relight scene.toml --exposure -1")]
 pub(in crate::cli) struct Relight {
     /// Store, or a volume file, field or scene (.toml) that is baked first
     #[arg(value_name = "X.isolume|VOLUME|SCENE")]
     input: String,
-    /// Isovalues: numbers in the file's values, percentages of their range, or auto. Of several volumes baked together they
-    /// are those of the first; NAME=C is that of another, and all surfaces that belong to it are lit
+    /// Isovalues: numbers in the file's values, 40% of their range, 1.5sigma from the mean, 1.5rms from 0, enclosed:5% of
+    /// the volume, 300HU, bone, skin, otsu, or auto. Two of opposite sign without {isovalue} in the output are the lobes of
+    /// a field about 0, in one picture. Of several volumes baked together isovalues are those of the first; NAME=C is that
+    /// of another, and all surfaces that belong to it are lit
     #[arg(
         short,
         long,
+        visible_alias = "isovalues",
         value_name = "[NAME=]C[,…]",
         value_delimiter = ',',
         required = true,
@@ -150,7 +157,9 @@ impl Relight {
         // Whatever can be wrong is refused before the bake, which may take minutes.
         self.material.rule((0.0, 1.0))?;
         let probes = self.open_probes(console)?;
+        check_count(self.isovalue.len())?;
         if info::is_store(&self.input) {
+            self.volume.refuse_for("a store")?;
             self.refuse_effects_of_bakes()?;
             let store = Store::open(&self.input)?;
             if let Some(members) = Members::of(&store)? {
@@ -172,27 +181,29 @@ impl Relight {
             return work.light(&source, Vec::new());
         }
         if let Some(file) = self.scene.as_ref().filter(|file| file.members() > 1) {
-            let baked = joint::bake(self, file, seed, start, console)?;
-            let Some(members) = Members::of(&baked.store)? else {
-                return Err(Failure::Message("a scene of several volumes was baked as one".into()));
-            };
-            let done = self.light_members(members, baked.geometry.as_ref(), baked.rays, &probes, start, console)?;
-            baked.cache.evict(console)?;
-            drop(baked.in_use);
-            return Ok(done);
+            return self.light_scene(file, &probes, seed, start, console);
         }
         self.refuse_names("this is one volume alone")?;
         let mut opened = super::scene::open(&self.input, &self.volume, self.scene.as_ref(), &self.transfer.effects())?;
         self.transfer.switch_shadows(&mut opened.volume);
-        for note in &opened.volume.notes {
-            console.note(&note.text);
-        }
-        let of_field = opened.default_isovalue;
         let resolve = |i: &NamedIsovalue| {
-            let resolved = self.resolve(&i.isovalue, &opened.volume, of_field);
+            let resolved = self.or_empty(&i.isovalue, &opened.volume, opened.choose(i.isovalue));
             resolved.map_err(|e| options::in_scene(e, self.scene.as_ref(), &i.isovalue))
         };
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
+        if let Some(levels) = lobes::levels(self, &opened, &chosen) {
+            let [above, below] = levels.map(|level| text::number(level, 6));
+            let reason = chosen[0].reason.as_ref().map(|r| format!(": {r}")).unwrap_or_default();
+            console.note(format!("two lobes, above {above} and below {below}{reason}; they light each other"));
+            let (command, file) = lobes::scene(self, &opened, levels)?;
+            drop(opened);
+            return command.light_scene(&file, &probes, seed, start, console);
+        }
+        let chosen = self.with_more(chosen, console);
+        opened.take_side(&chosen)?;
+        for note in &opened.volume.notes {
+            console.note(&note.text);
+        }
         let mut work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
         work.geometry = opened.geometry.as_ref();
         if opened.geometry.is_none() {
@@ -204,6 +215,51 @@ impl Relight {
     /// What is read.
     fn inputs(&self) -> Inputs {
         Inputs::new(self.env.iter().chain([&self.input])).with_scene(self.scene.as_ref())
+    }
+
+    /// Bakes the volumes of a scene of several, and lights them.
+    fn light_scene(
+        &self,
+        file: &SceneFile,
+        probes: &[Probe],
+        seed: u64,
+        start: Instant,
+        console: &Console,
+    ) -> Outcome<Relit> {
+        let baked = joint::bake(self, file, seed, start, console)?;
+        let Some(members) = Members::of(&baked.store)? else {
+            return Err(Failure::Message("a scene of several volumes was baked as one".into()));
+        };
+        let done = self.light_members(members, baked.geometry.as_ref(), baked.rays, probes, start, console)?;
+        baked.cache.evict(console)?;
+        drop(baked.in_use);
+        Ok(done)
+    }
+
+    /// Whether an output has a name of its own for each isovalue.
+    fn tells_isovalues_apart(&self, output: &Path) -> bool {
+        let text = output.to_string_lossy();
+        text.contains("{isovalue}") || output.is_dir() || text.ends_with(['/', '\\'])
+    }
+
+    /// The isovalues with those that belong to them, such as further labels, where there is a file for each; else a note.
+    fn with_more(&self, chosen: Vec<Chosen>, console: &Console) -> Vec<Chosen> {
+        let has_files = self.output.iter().all(|output| self.tells_isovalues_apart(output));
+        let mut all = Vec::new();
+        for one in chosen {
+            let (same, other): (Vec<Level>, Vec<Level>) = one.more.iter().partition(|level| level.solid == one.solid);
+            let left_out: Vec<Level> = if has_files { other } else { one.more.clone() };
+            let (solid, reason) = (one.solid, one.reason.clone());
+            all.push(one);
+            if has_files {
+                all.extend(same.iter().map(|l| Chosen { reason: reason.clone(), ..Chosen::given(l.value, solid) }));
+            }
+            if !left_out.is_empty() {
+                let list: Vec<String> = left_out.iter().map(|level| text::number(level.value, 6)).collect();
+                console.note(format!("not shown: {}; give them with --isovalue", list.join(", ")));
+            }
+        }
+        all
     }
 
     /// Lights the volumes of a store together, or the one that is named.
@@ -352,18 +408,21 @@ impl Relight {
             None
         };
         let resolve = |i: &NamedIsovalue| match (&i.isovalue, only) {
-            (Isovalue::Auto, Some(value)) => Ok(Chosen { value, reason: Some("the store holds it".into()) }),
-            (isovalue, _) => self.resolve(isovalue, volume, None),
+            (Isovalue::Auto, Some(value)) => {
+                Ok(Chosen { reason: Some("the store holds it".into()), ..Chosen::given(value, volume.solid) })
+            }
+            (isovalue, _) => self.or_empty(isovalue, volume, isovalue.resolve(volume, Some(volume.solid), None)),
         };
         Ok(self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?)
     }
 
-    /// The isovalue for a volume; with `--allow-empty` one that no surface has, too.
-    fn resolve(&self, isovalue: &Isovalue, volume: &Volume, of_field: Option<f64>) -> Result<Chosen, Error> {
-        match isovalue.resolve(volume, of_field) {
+    /// An isovalue for a volume; with `--allow-empty` one that no surface has, too.
+    fn or_empty(&self, isovalue: &Isovalue, volume: &Volume, resolved: Result<Chosen, Error>) -> Result<Chosen, Error> {
+        match resolved {
             Err(_) if self.allow_empty => {
                 let value = if let Isovalue::Value(value) = isovalue { *value } else { volume.value_range().1 };
-                Ok(Chosen { value, reason: Some("no surface has it; what is written is empty".into()) })
+                let reason = Some("no surface has it; what is written is empty".into());
+                Ok(Chosen { reason, ..Chosen::given(value, volume.solid) })
             }
             resolved => resolved,
         }

@@ -6,7 +6,7 @@ use super::{Draft, Relight, Relit};
 use crate::cli::baking::{self, Goal, Job, Writing};
 use crate::cli::cache::{Cache, Filled, InUse};
 use crate::cli::console::Console;
-use crate::cli::isovalue::Chosen;
+use crate::cli::isovalue::{Chosen, tell};
 use crate::cli::output::{Format, Target, make_folder, targets};
 use crate::cli::picture::check_size;
 use crate::cli::scene::SceneFile;
@@ -79,11 +79,7 @@ impl<'a> Work<'a> {
         if files.iter().flatten().any(|f| f.format == Format::Png) {
             check_size(command.picture.seen.size, command.transfer.memory_limit)?;
         }
-        for c in chosen {
-            if let Some(reason) = &c.reason {
-                console.note(format!("isovalue {}: {reason}", text::number(c.value, 6)));
-            }
-        }
+        tell(console, chosen);
         let pyramid = Pyramid::new(volume);
         let rule = command.albedo_rule(volume.value_range())?;
         let (emission, effects) = (command.emission_rule(), command.transfer.effects());

@@ -38,7 +38,14 @@ pub(super) struct PlacementsArgs {
     #[arg(value_name = "SCENE|VOLUME")]
     input: String,
     /// Isovalue: a number in the file's values, a percentage of their range, or auto
-    #[arg(short, long, value_name = "C", default_value = "auto", allow_hyphen_values = true)]
+    #[arg(
+        short,
+        long,
+        visible_alias = "isovalues",
+        value_name = "C",
+        default_value = "auto",
+        allow_hyphen_values = true
+    )]
     isovalue: Isovalue,
     /// Environment: an image file or a name [default: the scene's, if it has one]
     #[arg(short, long, value_name = "PROBE")]
@@ -115,7 +122,8 @@ impl PlacementsArgs {
             Texture::Ratio(ratio) => Lattice::from_ratio(volume.dims(), ratio)?,
             Texture::Texels(texels) => Lattice::from_texels(volume.dims(), texels)?,
         };
-        let isovalue = self.isovalue.resolve(volume, opened.default_isovalue)?.value;
+        opened.check_all()?;
+        let isovalue = self.isovalue.resolve(volume, Some(volume.solid), opened.default_isovalue)?.value;
         let probe = self.probe(file.as_ref())?;
         let turned = file.as_ref().and_then(|f| f.scene.probe.as_ref()?.rotation).unwrap_or(0.0);
         let orientation = Orientation::new(volume.up, turned)?;

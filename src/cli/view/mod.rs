@@ -45,7 +45,14 @@ pub(super) struct View {
     #[arg(long, value_name = "OUT.html")]
     html: Option<PathBuf>,
     /// The isovalue to begin with: a number, a percentage of the range, or auto
-    #[arg(short, long, value_name = "C", default_value = "auto", allow_hyphen_values = true)]
+    #[arg(
+        short,
+        long,
+        visible_alias = "isovalues",
+        value_name = "C",
+        default_value = "auto",
+        allow_hyphen_values = true
+    )]
     isovalue: Isovalue,
     /// Environments besides the embedded ones: image files or skies, as relight takes them
     #[arg(short, long, value_name = "PROBE")]
@@ -127,7 +134,7 @@ impl View {
         let held = store.holdings()?;
         let isovalue = match held.isovalues.first() {
             Some(&first) if !held.all && self.isovalue == Isovalue::Auto => first,
-            _ => self.isovalue.resolve(&volume, None)?.value,
+            _ => self.isovalue.resolve(&volume, Some(volume.solid), None)?.value,
         };
         let names = self.env.iter().map(String::as_str).chain(EMBEDDED);
         let mut probes: Vec<Probe> = names.map(|name| open_probe(name, false, None)).collect::<Result<_, _>>()?;

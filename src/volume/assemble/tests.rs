@@ -9,6 +9,7 @@ fn parts(data: Data, count: usize) -> Parts {
         inter: 0.0,
         world_from_grid: Affine::IDENTITY,
         unit: LengthUnit::Unknown,
+        series: Series::default(),
         notes: Vec::new(),
     }
 }

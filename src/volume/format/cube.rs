@@ -11,7 +11,7 @@ use super::super::assemble::{Parts, assemble, note, permute};
 use super::super::decode::{self, Type, checked_count};
 use super::super::read::ReadHint;
 use super::super::source::Source;
-use super::super::{LengthUnit, Volume};
+use super::super::{LengthUnit, Series, Volume};
 use super::{ANGSTROM, BOHR, affine};
 use crate::error::{Error, Result};
 use glam::{DMat3, DVec3};
@@ -102,7 +102,20 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
     let unit = LengthUnit::Metres(if axes[0].0 < 0 { ANGSTROM } else { BOHR });
     let counts = counts.map(|n| n as usize);
     let (data, dims) = permute(data, [counts[2], counts[1], counts[0]], [2, 1, 0]);
-    assemble(Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, notes }, hint)
+    assemble(
+        Parts {
+            format: NAME,
+            dims,
+            data,
+            slope: 1.0,
+            inter: 0.0,
+            world_from_grid,
+            unit,
+            series: Series::default(),
+            notes,
+        },
+        hint,
+    )
 }
 
 /// A whole number of the list of orbitals.

@@ -11,7 +11,7 @@ use super::super::assemble::{Parts, assemble, note, permute};
 use super::super::decode::{self, Endian, Type, checked_count};
 use super::super::read::ReadHint;
 use super::super::source::Source;
-use super::super::{LengthUnit, Note, Volume};
+use super::super::{LengthUnit, Note, Series, Volume};
 use super::{ANGSTROM, affine};
 use crate::error::{Error, Result};
 use crate::geom::Affine;
@@ -125,7 +125,20 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
     let file_dims = file_dims.map(|d| d as usize);
     let (world_from_grid, unit) = world(&words, axes, file_dims, &mut notes)?;
     let (data, dims) = permute(data, file_dims, axes);
-    assemble(Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, notes }, hint)
+    assemble(
+        Parts {
+            format: NAME,
+            dims,
+            data,
+            slope: 1.0,
+            inter: 0.0,
+            world_from_grid,
+            unit,
+            series: Series::default(),
+            notes,
+        },
+        hint,
+    )
 }
 
 fn sample_type(words: &Words, notes: &mut Vec<Note>) -> Result<Type> {

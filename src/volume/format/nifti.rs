@@ -53,7 +53,8 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
         Error::format(NAME, format!("a damaged header ({e})"), "a NIfTI-1 header", "copy or download the file again")
     })?;
     let mut notes = Vec::new();
-    let dims = dims(&header, &mut notes)?;
+    let (dims, times, components) = dims(&header)?;
+    let series = hint.choice.of(NAME, vec![String::new(); components], times, &mut notes)?;
     let kind = sample_type(header.datatype)?;
     let offset = f64::from(header.vox_offset);
     let pair = &header.magic == b"ni1\0";
@@ -79,11 +80,16 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
         skip -= HEADER as u64;
     }
     source.skip(NAME, skip, "header extensions")?;
+    // Time runs faster than components.
+    let before = (series.timepoint + times * series.channel) as u64;
+    let bytes = dims.iter().try_fold(before * kind.size() as u64, |n, &d| n.checked_mul(d));
+    let refuse = || Error::format(NAME, "more than 2^64 bytes", "fewer samples", "the header is damaged");
+    source.skip(NAME, bytes.ok_or_else(refuse)?, "the volumes before")?;
     let count = checked_count(NAME, dims, kind.size(), source.at_most(), hint)?;
     let endian = if header.endianness == Endianness::Little { Endian::Little } else { Endian::Big };
     let data = decode::binary(&mut source, NAME, kind, endian, count)?;
-    if notes.is_empty() {
-        source.verify_end(NAME)?; // of a series more follows
+    if before + 1 == (times * components) as u64 {
+        source.verify_end(NAME)?; // else more follows
     }
 
     let (slope, inter) = match (f64::from(header.scl_slope), f64::from(header.scl_inter)) {
@@ -100,20 +106,20 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
         _ => LengthUnit::Unknown,
     };
     let dims = dims.map(|d| d as usize);
-    let mut volume = assemble(Parts { format: NAME, dims, data, slope, inter, world_from_grid, unit, notes }, hint)?;
+    let mut volume = assemble(Parts { format: NAME, dims, data, slope, inter, world_from_grid, unit, series, notes }, hint)?;
     if anatomical {
         volume.up = Up::Anatomical;
     }
     Ok(volume)
 }
 
-/// The three spatial dimensions; further ones must be 1 or get a note.
-fn dims(header: &NiftiHeader, notes: &mut Vec<Note>) -> Result<[u64; 3]> {
+/// The three spatial dimensions, time points, and components; the sixth and seventh dimension must be 1.
+fn dims(header: &NiftiHeader) -> Result<([u64; 3], usize, usize)> {
     let rank = usize::from(header.dim[0]);
     if !(1..=7).contains(&rank) {
         return Err(Error::format(NAME, format!("{rank} dimensions"), "1 to 7", "the header is damaged"));
     }
-    let mut dims = [1; 3];
+    let mut dims = [1u64; 7];
     for axis in 0..rank {
         let size = header.dim[axis + 1];
         // The field is signed in the standard: a negative size arrives as more than 32767.
@@ -125,14 +131,18 @@ fn dims(header: &NiftiHeader, notes: &mut Vec<Note>) -> Result<[u64; 3]> {
                 "correct the header",
             ));
         }
-        if axis < 3 {
-            dims[axis] = u64::from(size);
-        } else if size > 1 {
-            notes
-                .push(note(format!("dimension {} has {size} volumes, the first is read", axis + 1), usize::from(size)));
-        }
+        dims[axis] = u64::from(size);
     }
-    Ok(dims)
+    let [x, y, z, times, components, sixth, seventh] = dims;
+    if sixth * seventh > 1 {
+        return Err(Error::format(
+            NAME,
+            format!("seven dimensions: {dims:?}"),
+            "three of space, one of time, one of components",
+            "cut out a part, for example with nibabel: img.slicer[..., 0, 0]",
+        ));
+    }
+    Ok(([x, y, z], times as usize, components as usize))
 }
 
 fn sample_type(code: i16) -> Result<Type> {

@@ -6,7 +6,7 @@ use super::super::assemble::{Parts, assemble, permute};
 use super::super::decode::{self, Endian, Type, checked_count};
 use super::super::read::ReadHint;
 use super::super::source::Source;
-use super::super::{LengthUnit, Volume};
+use super::super::{LengthUnit, Series, Volume};
 use crate::error::{Error, Result};
 use crate::geom::Affine;
 use npyz::{DType, Endianness, NpyHeader, Order, TypeChar};
@@ -39,7 +39,20 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
         Order::Fortran => permute(data, [z, y, x], [2, 1, 0]),
     };
     let (world_from_grid, unit, notes) = (Affine::IDENTITY, LengthUnit::Unknown, Vec::new());
-    assemble(Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, notes }, hint)
+    assemble(
+        Parts {
+            format: NAME,
+            dims,
+            data,
+            slope: 1.0,
+            inter: 0.0,
+            world_from_grid,
+            unit,
+            series: Series::default(),
+            notes,
+        },
+        hint,
+    )
 }
 
 fn header(source: &mut Source) -> Result<NpyHeader> {

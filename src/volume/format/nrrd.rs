@@ -1,11 +1,11 @@
 //! NRRD (teem.sourceforge.net/nrrd/format.html), by hand: no crate reads it. Attached and
-//! detached headers; encodings raw, gzip and ascii; three spatial axes.
+//! detached headers; encodings raw, gzip and ascii; three spatial axes, one of time and one of components.
 //!
 //! World: `space directions` and `space origin`; the spaces that name left or posterior first
 //! are converted to RAS+ by turning the sign of the axes that differ. Without a space, `spacings`
 //! and `axis mins`, right-handed as given.
 
-use super::super::assemble::{Parts, assemble, note};
+use super::super::assemble::{Parts, assemble, note, pick};
 use super::super::decode::{self, Endian, Type, checked_count};
 use super::super::read::{OpenBeside, ReadHint};
 use super::super::source::Source;
@@ -83,8 +83,21 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
     if rank != sizes.len() {
         return Err(damaged("sizes", header.need("sizes")?));
     }
-    let axes = spatial_axes(&header, &sizes)?;
+    let Axes { space: axes, time, components } = Axes::of(&header, &sizes)?;
     let dims = axes.map(|a| sizes[a]);
+    let along = |axis: Option<usize>| axis.and_then(|a| sizes.get(a).copied()).unwrap_or(1);
+    let names = vec![String::new(); usize::try_from(along(components)).unwrap_or(usize::MAX).min(MOST_COMPONENTS)];
+    let timepoints = usize::try_from(along(time)).unwrap_or(usize::MAX);
+    if along(components) > MOST_COMPONENTS as u64 {
+        return Err(damaged("sizes", header.need("sizes")?));
+    }
+    let series = hint.choice.of(NAME, names, timepoints, &mut notes)?;
+    let place = |axis: usize| match axis {
+        a if Some(a) == time => series.timepoint as u64,
+        a if Some(a) == components => series.channel as u64,
+        _ => 0,
+    };
+    let part = Part::new(&sizes, axes, place)?;
     let (world_from_grid, unit) = world(&header, axes, rank, &mut notes)?;
     if header.get(&["old min", "oldmin", "old max", "oldmax"]).is_some() {
         notes.push(note("old min and old max are not applied: values are those stored", 1));
@@ -93,7 +106,7 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
         lines: header.numbers::<u64>(&["line skip", "lineskip"])?.and_then(|v| v.first().copied()).unwrap_or(0),
         bytes: header.numbers::<i64>(&["byte skip", "byteskip"])?.and_then(|v| v.first().copied()).unwrap_or(0),
     };
-    let samples = |source: Source, skips: &Skips| samples(source, &header, kind, dims, skips, hint);
+    let samples = |source: Source, skips: &Skips| samples(source, &header, kind, &part, skips, hint);
     let data = match header.get(&["data file", "datafile"]) {
         None => samples(source, &skips)?,
         Some(name) => {
@@ -108,14 +121,15 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
             let open = beside.ok_or_else(|| needs_second_file(NAME, name))?;
             let data_source = open(Path::new(name))?;
             if skips.bytes == -1 {
-                skips.bytes = skip_to_tail(&data_source, kind, dims)?;
+                skips.bytes = skip_to_tail(&data_source, kind, &sizes)?;
             }
             samples(data_source, &skips).map_err(|e| e.in_file(name))?
         }
     };
+    let data = part.pick(data);
     let dims = dims.map(|d| d as usize);
     let anatomical = header.get(&["space directions"]).is_some() && header.get(&["space"]).is_some_and(is_anatomical);
-    let parts = Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, notes };
+    let parts = Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, series, notes };
     let mut volume = assemble(parts, hint)?;
     if anatomical {
         volume.up = Up::Anatomical;
@@ -123,14 +137,17 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
     Ok(volume)
 }
 
+/// Most components of a sample.
+const MOST_COMPONENTS: usize = 1 << 16;
+
 struct Skips {
     lines: u64,
     bytes: i64,
 }
 
 /// `byte skip: -1`: the samples are the last bytes of a raw file.
-fn skip_to_tail(source: &Source, kind: Type, dims: [u64; 3]) -> Result<i64> {
-    let bytes = dims.iter().try_fold(kind.size() as u64, |n, &d| n.checked_mul(d));
+fn skip_to_tail(source: &Source, kind: Type, sizes: &[u64]) -> Result<i64> {
+    let bytes = sizes.iter().try_fold(kind.size() as u64, |n, &d| n.checked_mul(d));
     let skip = source.at_most().zip(bytes).and_then(|(length, bytes)| length.checked_sub(bytes));
     skip.and_then(|n| i64::try_from(n).ok()).ok_or_else(|| {
         Error::format(NAME, "byte skip: -1 and too short a data file", "all samples", "the data file is incomplete")
@@ -141,10 +158,11 @@ fn samples(
     mut source: Source,
     header: &Header,
     kind: Type,
-    dims: [u64; 3],
+    part: &Part,
     skips: &Skips,
     hint: &ReadHint,
 ) -> Result<decode::Data> {
+    let dims = part.read;
     for _ in 0..skips.lines {
         source.expect_line(NAME, "the lines that \"line skip\" counts")?;
     }
@@ -165,12 +183,20 @@ fn samples(
                 (None, _) => return Err(missing("endian")),
                 (Some(other), _) => return Err(damaged("endian", other)),
             };
+            let before = part.before.checked_mul(kind.size() as u64).ok_or_else(|| damaged("sizes", "too large"))?;
+            source.skip(NAME, before, "the time points before")?;
             let count = checked_count(NAME, dims, kind.size(), source.at_most(), hint)?;
             decode::binary(&mut source, NAME, kind, endian, count)?
         }
         "ascii" | "text" | "txt" => {
             // Each sample takes a digit and a separator, the last one perhaps only the digit.
-            let left = source.at_most().map(|n| n.saturating_add(1) / 2 * kind.size() as u64);
+            let left = source.at_most().map(|n| (n.saturating_add(1) / 2).saturating_mul(kind.size() as u64));
+            let mut token = Vec::new();
+            for _ in 0..part.before {
+                if !source.token(NAME, &mut token)? {
+                    return Err(damaged("sizes", "more samples than the file has"));
+                }
+            }
             let count = checked_count(NAME, dims, kind.size(), left, hint)?;
             decode::text(&mut source, NAME, kind, count)?
         }
@@ -183,7 +209,9 @@ fn samples(
             ));
         }
     };
-    source.verify_end(NAME)?;
+    if part.is_last {
+        source.verify_end(NAME)?; // else more follows
+    }
     Ok(data)
 }
 
@@ -216,27 +244,121 @@ fn sample_type(name: &str) -> Result<Type> {
     })
 }
 
-/// The three axes of space; a further axis must have one sample.
-fn spatial_axes(header: &Header, sizes: &[u64]) -> Result<[usize; 3]> {
-    let mut axes: Vec<usize> = (0..sizes.len()).collect();
-    if axes.len() > 3 {
-        let directions = header.get(&["space directions"]).map(vectors).transpose()?;
-        let in_space = |a: usize| directions.as_ref().map_or(sizes[a] != 1, |d| matches!(d.get(a), Some(Some(_))));
-        axes.retain(|&a| in_space(a) || sizes[a] != 1);
-    }
-    <[usize; 3]>::try_from(axes).map_err(|axes| {
-        let kinds = header.get(&["kinds"]).map(|k| format!(" of kinds {k}")).unwrap_or_default();
-        Error::format(
-            NAME,
-            format!("{} axes with sizes {sizes:?}{kinds}", axes.len()),
-            "three axes of space and one number for each point",
-            "cut out one component, for example with `unu slice -a 0 -p 0`",
-        )
-    })
+/// What the axes of the samples are.
+struct Axes {
+    space: [usize; 3],
+    time: Option<usize>,
+    components: Option<usize>,
 }
 
-/// `(1,0,0) none (0,1,0)` and the like.
-fn vectors(text: &str) -> Result<Vec<Option<DVec3>>> {
+impl Axes {
+    /// Three axes of space, at most one of time and one of components, others of one sample. The directions say which
+    /// is which: an axis of time points along a fourth dimension of space (as SimpleITK writes it), one of components
+    /// has none. Without directions `kinds` say it.
+    fn of(header: &Header, sizes: &[u64]) -> Result<Self> {
+        let directions = header.get(&["space directions"]).map(vectors).transpose()?;
+        if directions.as_ref().is_some_and(|all| all.len() != sizes.len()) {
+            return Err(damaged("space directions", header.get(&["space directions"]).unwrap_or("")));
+        }
+        let kinds: Vec<&str> = header.get(&["kinds"]).unwrap_or("").split_whitespace().collect();
+        let is_time_kind = |a: usize| kinds.get(a).is_some_and(|k| k.eq_ignore_ascii_case("time"));
+        let is_space_kind = |a: usize| kinds.get(a).is_some_and(|k| ["space", "domain"].contains(k));
+        let known_kinds = (0..sizes.len()).filter(|&a| is_space_kind(a)).count() == 3;
+        let (mut space, mut time, mut components) = (Vec::new(), Vec::new(), Vec::new());
+        for (a, &size) in sizes.iter().enumerate() {
+            let is_spatial = match &directions {
+                Some(all) => match all.get(a) {
+                    Some(Some(d)) if d.time != 0.0 && d.in_space != DVec3::ZERO => {
+                        return Err(damaged("space directions", header.get(&["space directions"]).unwrap_or("")));
+                    }
+                    Some(Some(d)) if d.time != 0.0 => {
+                        time.push(a);
+                        continue;
+                    }
+                    direction => matches!(direction, Some(Some(_))),
+                },
+                None if sizes.len() > 3 && known_kinds => is_space_kind(a),
+                None => sizes.len() <= 3 || size != 1,
+            };
+            match (is_spatial, size) {
+                (true, _) => space.push(a),
+                (false, 1) => {}
+                (false, _) if is_time_kind(a) => time.push(a),
+                (false, _) => components.push(a),
+            }
+        }
+        if let (&[x, y, z], true, true) = (space.as_slice(), time.len() <= 1, components.len() <= 1) {
+            return Ok(Self { space: [x, y, z], time: time.first().copied(), components: components.first().copied() });
+        }
+        let kinds = header.get(&["kinds"]).map(|k| format!(" of kinds {k}")).unwrap_or_default();
+        let [of_space, of_time] = [space.len(), time.len() + components.len()];
+        Err(Error::format(
+            NAME,
+            format!("{of_space} axes of space and {of_time} others, with sizes {sizes:?}{kinds}"),
+            "three axes of space, at most one of time and one of components",
+            "add kinds such as \"domain domain domain time\", or cut it: unu slice -a 3 -p 0",
+        ))
+    }
+}
+
+/// The samples to read of all, and to pick of those.
+struct Part {
+    /// Samples in the file before those that are read.
+    before: u64,
+    /// Samples to read, as the three factors that are checked.
+    read: [u64; 3],
+    /// Whether nothing follows them.
+    is_last: bool,
+    /// First sample, stride of x, y, z, and dimensions, where not all that are read are wanted.
+    pick: Option<(usize, [usize; 3], [usize; 3])>,
+}
+
+impl Part {
+    /// `place`: the one wanted along an axis that is none of space.
+    fn new(sizes: &[u64], space: [usize; 3], place: impl Fn(usize) -> u64) -> Result<Self> {
+        let refuse = || damaged("sizes", &format!("{sizes:?}"));
+        let last = space.into_iter().max().unwrap_or(0);
+        // Axes behind those of space are skipped, others are read whole.
+        let (mut before, mut step, mut total, mut is_last) = (0u64, 1u64, 1u64, true);
+        let (mut first, mut strides) = (0u64, [0u64; 3]);
+        for (a, &size) in sizes.iter().enumerate() {
+            match space.iter().position(|&s| s == a) {
+                Some(i) => strides[i] = step,
+                None if a > last => {
+                    before = place(a).checked_mul(step).and_then(|n| n.checked_add(before)).ok_or_else(refuse)?;
+                    is_last &= place(a) + 1 == size;
+                }
+                None => first = place(a).checked_mul(step).and_then(|n| n.checked_add(first)).ok_or_else(refuse)?,
+            }
+            step = step.checked_mul(size).ok_or_else(refuse)?;
+            if a <= last {
+                total = step;
+            }
+        }
+        let dims = space.map(|a| sizes[a]);
+        let wanted = dims.iter().try_fold(1u64, |n, &d| n.checked_mul(d)).ok_or_else(refuse)?;
+        let others = if wanted == 0 { 1 } else { total / wanted };
+        let pick = (others != 1).then(|| (first as usize, strides.map(|s| s as usize), dims.map(|d| d as usize)));
+        Ok(Self { before, read: [dims[0].checked_mul(others).ok_or_else(refuse)?, dims[1], dims[2]], is_last, pick })
+    }
+
+    fn pick(&self, data: decode::Data) -> decode::Data {
+        match self.pick {
+            None => data,
+            Some((first, strides, dims)) => pick(data, first, strides, dims),
+        }
+    }
+}
+
+/// A vector of the header: its parts in space and along a fourth dimension.
+#[derive(Clone, Copy)]
+struct Direction {
+    in_space: DVec3,
+    time: f64,
+}
+
+/// `(1,0,0) none (0,1,0)` and the like; of four numbers the fourth is of time.
+fn vectors(text: &str) -> Result<Vec<Option<Direction>>> {
     let mut rest = text.trim();
     let mut out = Vec::new();
     while !rest.is_empty() {
@@ -248,8 +370,12 @@ fn vectors(text: &str) -> Result<Vec<Option<DVec3>>> {
         let inside = rest.strip_prefix('(').and_then(|r| r.split_once(')'));
         let Some((inside, after)) = inside else { return Err(damaged("space directions", text)) };
         let numbers: Option<Vec<f64>> = inside.split(',').map(|w| w.trim().parse().ok()).collect();
-        let numbers = numbers.and_then(|n| <[f64; 3]>::try_from(n).ok());
-        out.push(Some(DVec3::from_array(numbers.ok_or_else(|| damaged("space directions", text))?)));
+        let (in_space, time) = match numbers.as_deref() {
+            Some(&[x, y, z]) => (DVec3::new(x, y, z), 0.0),
+            Some(&[x, y, z, t]) => (DVec3::new(x, y, z), t),
+            _ => return Err(damaged("space directions", text)),
+        };
+        out.push(Some(Direction { in_space, time }));
         rest = after.trim_start();
     }
     Ok(out)
@@ -283,13 +409,13 @@ fn world(header: &Header, axes: [usize; 3], rank: usize, notes: &mut Vec<Note>) 
     let space = header.get(&["space"]);
     if let Some(text) = header.get(&["space directions"]) {
         let all = vectors(text)?;
-        let columns = axes.map(|a| all.get(a).copied().flatten());
+        let columns = axes.map(|a| all.get(a).copied().flatten().map(|d| d.in_space));
         let ([Some(x), Some(y), Some(z)], true) = (columns, all.len() == rank) else {
             return Err(damaged("space directions", text));
         };
         let origin = match header.get(&["space origin"]) {
             Some(text) => match vectors(text)?.as_slice() {
-                [Some(origin)] => *origin,
+                [Some(origin)] => origin.in_space,
                 _ => return Err(damaged("space origin", text)),
             },
             None => DVec3::ZERO,

@@ -10,7 +10,7 @@ use super::super::assemble::{Parts, assemble};
 use super::super::decode::{self, Endian, Type, checked_count};
 use super::super::read::{OpenBeside, ReadHint};
 use super::super::source::Source;
-use super::super::{LengthUnit, Volume};
+use super::super::{LengthUnit, Series, Volume};
 use super::{affine, needs_second_file};
 use crate::error::{Error, Result};
 use glam::{DMat3, DVec3};
@@ -106,5 +106,8 @@ fn samples(mut source: Source, sidecar: &Sidecar, kind: Type, hint: &ReadHint) -
     let world_from_grid = affine(NAME, linear, DVec3::from_array(sidecar.origin))?;
     let (slope, inter, unit) = (sidecar.slope, sidecar.inter, LengthUnit::Unknown);
     let dims = sidecar.dims.map(|d| d as usize);
-    assemble(Parts { format: NAME, dims, data, slope, inter, world_from_grid, unit, notes }, hint)
+    assemble(
+        Parts { format: NAME, dims, data, slope, inter, world_from_grid, unit, series: Series::default(), notes },
+        hint,
+    )
 }

@@ -8,7 +8,7 @@ use super::super::assemble::{Parts, assemble, note};
 use super::super::decode::{self, Data, Endian, Type, checked_count};
 use super::super::read::ReadHint;
 use super::super::source::Source;
-use super::super::{LengthUnit, Volume};
+use super::super::{LengthUnit, Series, Volume};
 use super::affine;
 use crate::error::{Error, Result};
 use glam::{DMat3, DVec3};
@@ -118,7 +118,20 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
     source.verify_end(NAME)?;
     let world_from_grid = affine(NAME, DMat3::from_diagonal(DVec3::from_array(spacing)), DVec3::from_array(origin))?;
     let (dims, unit) = (dims.map(|d| d as usize), LengthUnit::Unknown);
-    assemble(Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, notes }, hint)
+    assemble(
+        Parts {
+            format: NAME,
+            dims,
+            data,
+            slope: 1.0,
+            inter: 0.0,
+            world_from_grid,
+            unit,
+            series: Series::default(),
+            notes,
+        },
+        hint,
+    )
 }
 
 fn not_supported(found: &str) -> Error {

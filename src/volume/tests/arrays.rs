@@ -116,6 +116,68 @@ fn tiff_stacks_keep_their_type_and_take_the_spacing_of_imagej() {
     assert_eq!((v.world_from_grid().spacing(), v.unit), (DVec3::ONE, LengthUnit::Unknown));
 }
 
+/// Pages of one sample each with these values; the first has a description, those marked are of reduced resolution.
+fn pages(description: &str, values: &[u8], reduced: &[u8]) -> Vec<u8> {
+    let mut file = Cursor::new(Vec::new());
+    let mut encoder = TiffEncoder::new(&mut file).unwrap();
+    for (i, value) in values.iter().enumerate() {
+        let mut image = encoder.new_image::<colortype::Gray8>(1, 1).unwrap();
+        if i == 0 {
+            image.encoder().write_tag(Tag::ImageDescription, description).unwrap();
+        }
+        if reduced.contains(value) {
+            image.encoder().write_tag(Tag::NewSubfileType, 1u32).unwrap();
+        }
+        image.write_data(&[*value]).unwrap();
+    }
+    file.into_inner()
+}
+
+fn chosen(bytes: &[u8], channel: usize, timepoint: usize) -> Result<Volume> {
+    let choice = Choice { channel: Some(Channel::Index(channel)), timepoint: Some(timepoint), ..Choice::default() };
+    read(bytes, &ReadHint { choice, ..ReadHint::default() })
+}
+
+#[test]
+fn pages_belong_to_the_plane_that_the_metadata_says() {
+    // Channels run fastest, then sections, then frames: value = 100 t + 10 z + c.
+    let values: Vec<u8> = (0..12).map(|i| (100 * (i / 6) + 10 * (i / 2 % 3) + i % 2) as u8).collect();
+    let imagej = pages("ImageJ=1.53t\nimages=12\nchannels=2\nslices=3\nframes=2\nhyperstack=true\n", &values, &[]);
+    let ome = |order: &str| {
+        format!(
+            "<?xml version=\"1.0\"?><OME><Image><Pixels DimensionOrder=\"{order}\" SizeZ=\"3\" SizeC=\"2\" SizeT=\"2\" \
+             PhysicalSizeX=\"0.5\" PhysicalSizeY=\"0.5\" PhysicalSizeZ=\"2\"><Channel Name=\"DAPI\"/><Channel \
+             Name=\"GFP\"/></Pixels></Image></OME>"
+        )
+    };
+    for bytes in [imagej, pages(&ome("XYCZT"), &values, &[])] {
+        assert!(refusal(&bytes).contains("2 channels"));
+        for (c, t) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            let volume = chosen(&bytes, c, t).unwrap();
+            let expected = (0..3).map(|z| (100 * t + 10 * z + c) as u8).collect();
+            assert_eq!((volume.dims(), volume.samples()), ([1, 1, 3], &Samples::U8(expected)));
+        }
+        assert!(chosen(&bytes, 2, 0).unwrap_err().to_string().contains("0 to 1"));
+    }
+    let volume = chosen(&pages(&ome("XYZCT"), &values, &[]), 1, 0).unwrap();
+    assert_eq!(volume.samples(), &Samples::U8(values[3..6].to_vec()));
+    assert_eq!(
+        (volume.world_from_grid().spacing(), volume.unit),
+        (DVec3::new(0.5, 0.5, 2.0), LengthUnit::Metres(1e-6))
+    );
+    assert!(refusal(&pages(&ome("XYZCT"), &values, &[])).contains("0 DAPI, 1 GFP"));
+    // Fewer pages than the metadata has.
+    let error = chosen(&pages(&ome("XYZCT"), &values[..11], &[]), 1, 1).unwrap_err().to_string();
+    assert!(error.contains("no page 11") && error.contains("incomplete"), "{error}");
+}
+
+#[test]
+fn pages_of_reduced_resolution_are_no_sections() {
+    let volume = load(&pages("", &[1, 2, 3, 4], &[2, 4])).unwrap();
+    assert_eq!((volume.dims(), volume.samples()), ([1, 1, 2], &Samples::U8(vec![1, 3])));
+    assert!(volume.notes[0].text.contains("2 pages of reduced resolution"));
+}
+
 #[test]
 fn other_tiff_files_are_refused_by_name() {
     assert!(
@@ -159,7 +221,8 @@ fn raw_samples_follow_their_sidecar() {
             let value = v.value_from_raw(f64::from(v.samples().raw(v.index(x, y, z))));
             assert_eq!(value, 2.0 * probe(x, y, z));
         }
-        assert!(v.notes.is_empty());
+        assert_eq!(v.notes.len(), 1);
+        assert!(v.notes[0].text.starts_with("samples were read from "), "{:?}", v.notes);
     }
     // Samples that look like gzip but have exactly the right length are samples.
     std::fs::write(folder.path().join("b.raw"), [0x1f, 0x8b, 8, 0]).unwrap();

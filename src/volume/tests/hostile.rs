@@ -162,7 +162,7 @@ fn wrong_files_are_named() {
     std::fs::write(&path, "This is no volume at all, only text with a hopeful name.").unwrap();
     let error = open(&path).unwrap_err().to_string();
     assert!(error.contains("head.nii.gz") && error.contains("This is no volume"), "{error}");
-    assert!(open(folder.path()).unwrap_err().to_string().contains("directory"));
+    assert!(open(folder.path()).unwrap_err().to_string().contains("a folder of 1 files"));
     let missing = open(folder.path().join("gone.nii")).unwrap_err();
     assert!(matches!(missing, Error::Io { .. }), "{missing}");
     // The suffix does not matter.

@@ -146,12 +146,28 @@ fn further_dimensions_of_one_are_fine_and_a_series_gives_its_first_volume() {
     assert_eq!((v.dims(), v.notes.len()), ([2, 2, 1], 0));
     let v = load(&Header::new(Order::Big, &[2, 1, 1, 3], 2).with([1, 2, 3, 4, 5, 6])).unwrap();
     assert_eq!(v.samples(), &Samples::U8(vec![1, 2]));
-    assert!(v.notes[0].text.contains("3 volumes"), "{:?}", v.notes);
+    assert!(v.notes[0].text.contains("time point 0 of 3"), "{:?}", v.notes);
     // Extensions between header and samples are skipped.
     let mut header = Header::new(Order::Little, &[2, 1, 1], 2);
     header.floats(108, &[368.0]);
     let v = load(&header.with([9; 16].into_iter().chain([5, 6]))).unwrap();
     assert_eq!(v.samples(), &Samples::U8(vec![5, 6]));
+}
+
+#[test]
+fn time_points_and_components_are_chosen() {
+    // 2 × 1 × 1 samples, three times, two components: time runs faster.
+    let header = Header::new(Order::Little, &[2, 1, 1, 3, 2], 2);
+    let bytes = header.with(0..12);
+    assert!(refusal(&bytes).contains("2 channels: 0, 1"));
+    for (channel, timepoint) in [(0, 0), (0, 2), (1, 0), (1, 2)] {
+        let choice = Choice { channel: Some(Channel::Index(channel)), timepoint: Some(timepoint), ..Choice::default() };
+        let volume = read(&bytes[..], &ReadHint { choice, ..ReadHint::default() }).unwrap();
+        let first = (2 * (timepoint + 3 * channel)) as u8;
+        assert_eq!(volume.samples(), &Samples::U8(vec![first, first + 1]));
+    }
+    let deep = Header::new(Order::Little, &[2, 1, 1, 1, 1, 2], 2);
+    assert!(refusal(&deep.with(0..4)).contains("seven dimensions"));
 }
 
 #[test]

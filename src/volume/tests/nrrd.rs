@@ -81,8 +81,87 @@ fn an_axis_of_one_component_is_dropped_and_vectors_are_refused() {
     let v = load(&four("1 3 2 1", directions)).unwrap();
     assert_eq!((v.dims(), v.world_from_grid().spacing()), ([3, 2, 1], DVec3::new(1.0, 1.0, 2.0)));
     let error = refusal(&four("3 2 1 1", directions));
-    assert!(error.contains("4 axes") && error.contains("vector"), "{error}");
+    assert!(error.contains("3 channels") && error.contains("--channel"), "{error}");
     assert!(refusal(&four("2 3 1 1", "")).contains("axes"));
+}
+
+/// Two channels (fastest), 4 × 3 × 2 samples, three times (slowest): probe + 1000 · channel + 2000 · time.
+fn five_axes() -> Vec<i16> {
+    let all = (0..3).flat_map(|t| points([4, 3, 2]).map(move |p| (t, p)));
+    all.flat_map(|(t, (x, y, z))| [0, 1].map(|c| probe(x, y, z) as i16 + 1000 * c + 2000 * t)).collect()
+}
+
+#[test]
+fn channels_and_time_points_are_chosen() {
+    let bytes = |values: &[i16]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
+    let text = five_axes().iter().map(i16::to_string).collect::<Vec<_>>().join(" ");
+    let header = |encoding: &str| {
+        format!(
+            "NRRD0004\ntype: short\nendian: little\ndimension: 5\nsizes: 2 4 3 2 3\nspace dimension: 4\nspace \
+             directions: none (2,0,0,0) (0,3,0,0) (0,0,4,0) (0,0,0,1)\nspace origin: (1,2,3,9)\nencoding: {encoding}\n\n"
+        )
+    };
+    for (encoding, data) in
+        [("raw", bytes(&five_axes())), ("gzip", gzip(&bytes(&five_axes()))), ("ascii", text.into_bytes())]
+    {
+        let file = [header(encoding).as_bytes(), &data].concat();
+        assert!(refusal(&file).contains("2 channels: 0, 1"));
+        for (channel, timepoint) in [(0, 0), (1, 0), (1, 2), (0, 1)] {
+            let choice =
+                Choice { channel: Some(Channel::Index(channel)), timepoint: Some(timepoint), ..Choice::default() };
+            let volume = read(&file[..], &ReadHint { choice, ..ReadHint::default() }).unwrap();
+            let shift = 1000.0 * channel as f64 + 2000.0 * timepoint as f64;
+            let value = |i: usize| f64::from(volume.samples().raw(i)) - shift;
+            assert!(points([4, 3, 2]).enumerate().all(|(i, (x, y, z))| value(i) == probe(x, y, z)), "{encoding}");
+            assert_eq!(volume.world_from_grid().point(DVec3::ONE), DVec3::new(3.0, 5.0, 7.0));
+            assert_eq!((volume.series.channels.len(), volume.series.timepoints), (2, 3));
+        }
+        let choice = Choice { channel: Some(Channel::Index(0)), timepoint: Some(3), ..Choice::default() };
+        let error = read(&file[..], &ReadHint { choice, ..ReadHint::default() }).unwrap_err().to_string();
+        assert!(error.contains("0 to 2"), "{error}");
+    }
+    // By their kinds, without directions; and without either.
+    let head = "NRRD0004\ntype: uchar\ndimension: 4\nsizes: 2 1 3 2\nencoding: raw\n";
+    let four =
+        |more: &str| [head.as_bytes(), more.as_bytes(), b"\n\n", &[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]].concat();
+    let volume = load(&four("kinds: domain domain domain time")).unwrap();
+    assert_eq!((volume.dims(), volume.samples()), ([2, 1, 3], &Samples::U8(vec![1, 2, 3, 4, 5, 6])));
+    // A shear of space in time is no volume.
+    let sheared = "space dimension: 4\nspace directions: (1,0,0,0) (0,1,0,0) (0,0,1,0.5) (0,0,0,1)";
+    assert!(refusal(&four(sheared)).contains("space directions"));
+}
+
+#[test]
+fn data_outside_the_folder_of_the_header_is_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("in")).unwrap();
+    std::fs::write(folder.path().join("secret"), [7; 64]).unwrap();
+    let path = folder.path().join("in/p.nhdr");
+    let absolute = folder.path().join("secret").display().to_string();
+    for name in ["../secret", &absolute, "../../../../../../../../etc/passwd"] {
+        let header = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 4 4 4\nencoding: raw\ndata file:";
+        std::fs::write(&path, format!("{header} {name}\n\n")).unwrap();
+        let error = open(&path).unwrap_err().to_string();
+        assert!(error.contains(name) && error.contains("--allow-outside"), "{error}");
+    }
+    let choice = Choice { allow_outside: true, ..Choice::default() };
+    std::fs::write(
+        &path,
+        std::fs::read_to_string(&path).unwrap().replace("../../../../../../../../etc/passwd", "../secret"),
+    )
+    .unwrap();
+    let volume = open_with(&path, &ReadHint { choice, ..ReadHint::default() }).unwrap();
+    assert!(volume.notes.iter().any(|n| n.text.contains("secret")), "{:?}", volume.notes);
+}
+
+#[test]
+fn spacings_that_no_picture_can_have_are_refused_at_once() {
+    let data = shorts(Order::Little);
+    for spacings in ["3e38 1 1", "1 1e-30 1"] {
+        let header = format!("type: short\nencoding: raw\nendian: little\nspacings: {spacings}");
+        let error = refusal(&file(&header, &data));
+        assert!(error.contains("spacing") && error.contains("--spacing"), "{error}");
+    }
 }
 
 #[test]

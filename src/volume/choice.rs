@@ -1,0 +1,231 @@
+//! Which part of a file is the volume, and how large its voxels are where the file does not say: the same options for
+//! every format.
+
+use super::assemble::note;
+use super::format::metres_in;
+use super::{LengthUnit, Note};
+use crate::error::{Error, Result};
+use crate::geom::Affine;
+use glam::DMat3;
+use std::str::FromStr;
+
+/// A channel of a file by its place, from 0, or by its name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Channel {
+    /// From 0.
+    Index(usize),
+    /// As the file has it.
+    Name(String),
+}
+
+impl FromStr for Channel {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        match text.trim() {
+            "" => Err(Error::argument("channel", text, "a number from 0 or a name", "see `isolume info` for the list")),
+            text => Ok(text.parse().map_or_else(|_| Self::Name(text.into()), Self::Index)),
+        }
+    }
+}
+
+/// Distances of neighbouring samples along x, y, z, perhaps with a unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spacing {
+    // Invariant: finite and positive.
+    along: [f64; 3],
+    metres: Option<f64>,
+}
+
+impl Spacing {
+    /// From three distances and how many metres one unit of them is, if known.
+    ///
+    /// # Errors
+    /// When one of them is not a positive number.
+    pub fn new(along: [f64; 3], metres: Option<f64>) -> Result<Self> {
+        if along.iter().chain(&metres).all(|v| v.is_finite() && *v > 0.0) {
+            return Ok(Self { along, metres });
+        }
+        let expected = "three positive numbers, such as 0.5,0.5,2um";
+        Err(Error::argument("spacing", format!("{along:?}"), expected, "give the distance of samples along x, y and z"))
+    }
+
+    /// The map of a grid with these spacings along its axes; its origin stays where it is in space.
+    pub(crate) fn apply(&self, world_from_grid: Affine, unit: LengthUnit) -> (Option<Affine>, LengthUnit) {
+        let linear = world_from_grid.linear();
+        let axis = |a: usize| linear.col(a) / linear.col(a).length() * self.along[a];
+        let scale = match (unit, self.metres) {
+            (LengthUnit::Metres(old), Some(new)) => old / new,
+            _ => 1.0,
+        };
+        let unit = self.metres.map_or(unit, LengthUnit::Metres);
+        (Affine::new(DMat3::from_cols(axis(0), axis(1), axis(2)), world_from_grid.offset() * scale), unit)
+    }
+}
+
+impl FromStr for Spacing {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let refuse = || {
+            let expected = "X,Y,Z with or without a unit: mm, um, nm, A or bohr";
+            Error::argument("spacing", text, expected, "write for example 0.5,0.5,2um")
+        };
+        let trimmed = text.trim();
+        let end = trimmed.rfind(|c: char| c.is_ascii_digit() || c == '.').ok_or_else(refuse)? + 1;
+        let (numbers, unit) = trimmed.split_at(end);
+        let metres = match unit.trim() {
+            "" => None,
+            unit => Some(metres_in(unit).ok_or_else(refuse)?),
+        };
+        let along: Option<Vec<f64>> = numbers.split(',').map(|n| n.trim().parse().ok()).collect();
+        Self::new(along.and_then(|n| n.try_into().ok()).ok_or_else(refuse)?, metres).map_err(|_| refuse())
+    }
+}
+
+/// What is chosen of a file that holds more than one volume, and what it does not say.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Choice {
+    /// The channel; needed where there are several.
+    pub channel: Option<Channel>,
+    /// The time point, from 0; without it the first, with a note.
+    pub timepoint: Option<usize>,
+    /// The spacing in place of the file's.
+    pub spacing: Option<Spacing>,
+    /// Whether files may be read that lie outside the folder of the file that names them.
+    pub allow_outside: bool,
+    /// Whether the first of several channels is taken where none is chosen: for a list of what there is.
+    pub any_channel: bool,
+}
+
+/// What a file holds beside the three axes of space.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Series {
+    /// Names of its channels, empty ones where it has none for them.
+    pub channels: Vec<String>,
+    /// The channel that was read, from 0.
+    pub channel: usize,
+    /// How many time points it has.
+    pub timepoints: usize,
+    /// The one that was read, from 0.
+    pub timepoint: usize,
+}
+
+impl Choice {
+    /// Chooses among the channels and time points of a file.
+    ///
+    /// # Errors
+    /// When there are several channels and none is chosen, and when what was chosen is not there.
+    pub(crate) fn of(
+        &self,
+        format: &'static str,
+        channels: Vec<String>,
+        timepoints: usize,
+        notes: &mut Vec<Note>,
+    ) -> Result<Series> {
+        let found = || format!("{} channels: {}", channels.len(), listed(&channels));
+        let channel = match &self.channel {
+            None if channels.len() <= 1 || self.any_channel => 0,
+            None => {
+                let remedy = "choose one with --channel N or --channel NAME";
+                return Err(Error::format(format, found(), "one channel", remedy));
+            }
+            Some(Channel::Index(index)) if *index < channels.len().max(1) => *index,
+            Some(Channel::Index(index)) => {
+                let expected = match channels.len() {
+                    0 | 1 => "0, the only channel of this file".into(),
+                    n => format!("0 to {}: {}", n - 1, listed(&channels)),
+                };
+                return Err(Error::argument("--channel", index, expected, "channels count from 0"));
+            }
+            Some(Channel::Name(name)) => channels.iter().position(|c| c == name).ok_or_else(|| {
+                let expected = match channels.len() {
+                    0 | 1 => "a file of several channels; this has one".into(),
+                    _ => format!("one of {}", listed(&channels)),
+                };
+                Error::argument("--channel", name, expected, "see `isolume info` for the list, or leave it out")
+            })?,
+        };
+        let last = timepoints.max(1) - 1;
+        let timepoint = self.timepoint.unwrap_or(0);
+        if timepoint > last {
+            let expected = match last {
+                0 => "0, the only time point of this file".into(),
+                last => format!("0 to {last}"),
+            };
+            return Err(Error::argument("--timepoint", timepoint, expected, "time points count from 0"));
+        }
+        if channels.len() > 1 {
+            let name = channels.get(channel).filter(|n| !n.is_empty()).map(|n| format!(" ({n})")).unwrap_or_default();
+            notes.push(note(format!("channel {channel}{name} of {} is read", channels.len()), 1));
+        }
+        if last > 0 {
+            let how = if self.timepoint.is_none() { "; choose with --timepoint" } else { "" };
+            notes.push(note(format!("time point {timepoint} of {timepoints} is read (from 0){how}"), 1));
+        }
+        Ok(Series { channels, channel, timepoints: timepoints.max(1), timepoint })
+    }
+}
+
+/// Most names that a message lists.
+const MOST_LISTED: usize = 12;
+
+/// `0 DAPI, 1 GFP`.
+fn listed(channels: &[String]) -> String {
+    let one = |(i, name): (usize, &String)| format!("{i} {name}").trim_end().to_string();
+    let mut text = channels.iter().enumerate().take(MOST_LISTED).map(one).collect::<Vec<_>>().join(", ");
+    if channels.len() > MOST_LISTED {
+        text += ", …";
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn spacings_are_read_with_their_unit() {
+        let spacing = |text: &str| text.parse::<Spacing>().map(|s| (s.along, s.metres)).ok();
+        assert_eq!(spacing("1,2,3"), Some(([1.0, 2.0, 3.0], None)));
+        assert_eq!(spacing("0.5, 0.5, 2um"), Some(([0.5, 0.5, 2.0], Some(1e-6))));
+        assert_eq!(spacing("1,1,1.5 µm"), Some(([1.0, 1.0, 1.5], Some(1e-6))));
+        assert_eq!(spacing("1e-3,1,1A"), Some(([1e-3, 1.0, 1.0], Some(1e-10))));
+        for wrong in ["", "1,2", "1,2,3,4", "0,1,1", "-1,1,1", "nan,1,1", "1,2,3 parsec", "1e999,1,1", "mm"] {
+            let text = wrong.parse::<Spacing>().unwrap_err().to_string();
+            assert!(text.contains("0.5,0.5,2um"), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_spacing_keeps_directions_and_the_place_of_the_origin() {
+        let turned = DMat3::from_cols(2.0 * DVec3::Y, -2.0 * DVec3::X, 4.0 * DVec3::Z);
+        let file = Affine::new(turned, DVec3::new(10.0, 0.0, 0.0)).unwrap();
+        let (made, unit) = "1,1,3um".parse::<Spacing>().unwrap().apply(file, LengthUnit::Metres(1e-3));
+        let made = made.unwrap();
+        assert_eq!(unit, LengthUnit::Metres(1e-6));
+        assert_eq!(made.linear(), DMat3::from_cols(DVec3::Y, -DVec3::X, 3.0 * DVec3::Z));
+        assert!((made.offset() - DVec3::new(10_000.0, 0.0, 0.0)).length() < 1e-9);
+    }
+
+    #[test]
+    fn several_channels_are_refused_and_listed_unless_one_is_chosen() {
+        let of = |channel: Option<&str>, timepoint: Option<usize>| {
+            let choice = Choice { channel: channel.map(|c| c.parse().unwrap()), timepoint, ..Choice::default() };
+            let mut notes = Vec::new();
+            let names = vec!["DAPI".to_string(), "GFP".into()];
+            choice
+                .of("X", names, 3, &mut notes)
+                .map(|s| (s.channel, s.timepoint, notes.len()))
+                .map_err(|e| e.to_string())
+        };
+        let refused = of(None, None).unwrap_err();
+        assert!(refused.contains("2 channels: 0 DAPI, 1 GFP") && refused.contains("--channel"), "{refused}");
+        assert_eq!(of(Some("1"), None), Ok((1, 0, 2)));
+        assert_eq!(of(Some("GFP"), Some(2)), Ok((1, 2, 2)));
+        assert!(of(Some("2"), None).unwrap_err().contains("0 to 1"));
+        assert!(of(Some("RFP"), None).unwrap_err().contains("0 DAPI, 1 GFP"));
+        assert!(of(Some("0"), Some(3)).unwrap_err().contains("0 to 2"));
+    }
+}
