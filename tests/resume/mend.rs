@@ -291,7 +291,10 @@ fn a_store_of_an_older_format_is_read_and_converted() {
         let arguments = ["relight", store, "--isovalue", "120", "--env", "sunset", "-q", "-o", &out.display().to_string()];
         let output = run(&arguments);
         assert_eq!(code(&output), 0, "{}", message(&output));
-        fs::read(out).unwrap()
+        let bytes = fs::read(out).unwrap();
+        // The header names the store; what follows it is the surface.
+        let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap();
+        bytes[end..].to_vec()
     };
     let before = light(&old_path, "old.ply");
     let doctor = run(&["doctor", &old_path]);
@@ -306,7 +309,7 @@ fn a_store_of_an_older_format_is_read_and_converted() {
     let output = bake(&old_path);
     assert!(code(&output) == 1 && message(&output).contains("isolume merge"), "{}", message(&output));
     assert_eq!(code(&run(&["merge", &old_path, "-o", &new_path])), 0);
-    assert_eq!(light(&new_path, "new.ply"), before);
+    assert!(light(&new_path, "new.ply") == before);
     // The same bytes as a bake of today, but for where the input lay.
     let again = bake(&new_path);
     assert!(code(&again) == 0 && message(&again).contains("nothing to bake"), "{}", message(&again));

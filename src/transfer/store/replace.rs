@@ -72,9 +72,14 @@ fn take_over(old: &Path, new: &Path, below: &str) -> std::io::Result<()> {
         let key = if below.is_empty() { name.clone() } else { format!("{below}/{name}") };
         let to = new.join(entry.file_name());
         if entry.file_type()?.is_dir() {
-            if !is_scratch(&key) {
-                take_over_directory(&entry.path(), &to, &key)?;
+            if is_scratch(&key) {
+                continue;
             }
+            // A folder beside those of the store is somebody else's, empty or not.
+            if !matches!(key.split('/').next(), Some("volumes" | "transfer")) {
+                staging::make_directories(&to, false)?;
+            }
+            take_over(&entry.path(), &to, &key)?;
         } else if !is_owned(&key) {
             staging::make_directories(new, false)?;
             if fs::hard_link(entry.path(), &to).is_err() {
@@ -83,15 +88,6 @@ fn take_over(old: &Path, new: &Path, below: &str) -> std::io::Result<()> {
         }
     }
     Ok(())
-}
-
-fn take_over_directory(old: &Path, new: &Path, key: &str) -> std::io::Result<()> {
-    if key.contains('/') || matches!(key, "volumes" | "transfer") {
-        return take_over(old, new, key);
-    }
-    // A folder beside those of the store is somebody else's, empty or not.
-    staging::make_directories(new, false)?;
-    take_over(old, new, key)
 }
 
 /// Hidden names that bakes use.
