@@ -53,8 +53,8 @@ fn subcommands(command: &clap::Command) -> impl Iterator<Item = &clap::Command> 
 
 fn page(command: &clap::Command) -> Result<Vec<u8>, Error> {
     let mut text = Vec::new();
-    let made = clap_mangen::Man::new(command.clone()).render(&mut text);
-    made.map_err(|e| Error::io("", "make the manual page", e))?;
+    let page = clap_mangen::Man::new(command.clone()).source(concat!("isolume ", env!("CARGO_PKG_VERSION")));
+    page.render(&mut text).map_err(|e| Error::io("", "make the manual page", e))?;
     Ok(text)
 }
 

@@ -23,7 +23,7 @@ async function serve(store, ...options) {
     let text = "";
     server.stdout.on("data", (d) => {
       text += d;
-      const match = text.match(/http:\/\/127\.0\.0\.1:\d+\//);
+      const match = text.match(/http:\/\/127\.0\.0\.1:\d+\/\w+\//);
       if (match) found(match[0]);
     });
     server.on("exit", (code) => failed(new Error(`isolume view ended with ${code}`)));
