@@ -74,7 +74,7 @@
 //! | [`study`] | what accuracy costs: settings against one reference, the front, the figure; where samples of a texture should lie | files, the clock |
 //! | [`export`] | GLB, PLY, PNG, VTI, NRRD, contact sheets, atomic files | volumes, SH, light |
 //! | [`view`] | the live page and its data, as bytes | solvers, sockets |
-//! | [`cli`] | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
+//! | `cli` | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
 //!
 //! # Habits that bind
 //! * The same bytes for any number of threads: each parallel item writes its own slot, sums run in a fixed order,
@@ -113,6 +113,7 @@ pub mod compare;
 pub mod study;
 pub mod export;
 pub mod view;
+#[cfg(feature = "cli")]
 pub mod cli;
 
 pub use error::{Error, Result};
