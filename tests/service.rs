@@ -87,7 +87,8 @@ mod linux {
             let bench = Bench::new();
             let mut child =
                 program(&bench, LONG).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("a start");
-            until("the bake catches signals", || catches(child.id(), 15));
+            until("a chunk is on disk", || chunks(&bench, "s.isolume") > 0);
+            assert!(catches(child.id(), 15));
             send(signal, child.id());
             let mut said = String::new();
             std::io::Read::read_to_string(&mut child.stderr.take().expect("its errors"), &mut said).expect("text");
