@@ -155,7 +155,7 @@ pub fn main() -> ExitCode {
         console.error(&failure);
         ExitCode::from(code)
     };
-    if let Some(word) = line.iter().skip(1).find(|word| word.to_str().is_none()) {
+    if let Some(word) = line.get(1..).unwrap_or_default().iter().find(|word| word.to_str().is_none()) {
         // Names go into reports, stores and pages, which are text.
         let expected = "text in UTF-8";
         return failed(

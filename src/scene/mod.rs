@@ -14,7 +14,7 @@ pub mod srgb;
 pub use colormap::Colormap;
 pub use coupling::{Coupled, Coupling, IsovalueMap};
 pub use description::{
-    Albedo, BakeDescription, CameraDescription, Located, MOST_ISOVALUES, ProbeDescription, Scene, Surroundings,
+    Albedo, BakeDescription, CameraDescription, Located, MOST_ISOVALUES, ProbeDescription, ReadFile, Scene, Surroundings,
     TextureSize, VolumeDescription, WallDescription, WallShape,
 };
 pub use effects::{EFFECTS, EffectSwitch, Effects};

@@ -57,6 +57,9 @@ pub enum WallShape {
     },
 }
 
+/// Reads a file from the folder of a scene; with a name and a length, the first bytes of the file that it names, beside it.
+pub type ReadFile<'a> = dyn FnMut(&str, Option<(&str, u64)>) -> Result<Vec<u8>> + 'a;
+
 impl Surroundings {
     /// Whether there is nothing.
     pub fn is_empty(&self) -> bool {
@@ -64,8 +67,7 @@ impl Surroundings {
     }
 
     /// Walls and luminaires ready for rays. `metres_per_unit` is that of the volume, which counts where the scene says
-    /// nothing; `read` reads a file from the folder of the scene, or what that file names itself: the first so many bytes of
-    /// a file beside it; `surface` makes the triangles of another volume.
+    /// nothing; `surface` makes the triangles of another volume.
     ///
     /// # Errors
     /// When a file cannot be read or is no mesh (naming the line), or as [`Geometry::new`].
@@ -73,7 +75,7 @@ impl Surroundings {
         &self,
         scene: &Scene,
         metres_per_unit: f64,
-        read: &mut dyn FnMut(&str, Option<(&str, u64)>) -> Result<Vec<u8>>,
+        read: &mut ReadFile<'_>,
         surface: &mut dyn FnMut(&str, f64) -> Result<TriangleMesh>,
     ) -> Result<Geometry> {
         let mut walls = Vec::new();
