@@ -124,11 +124,11 @@ impl Beside {
 
     fn outside(&self, found: String) -> Error {
         let folder = self.folder.display();
-        Error::argument(
-            "a file that this file names",
+        Error::format(
+            "a file that it names",
             found,
             format!("a file in {folder} or below"),
-            "move it there and correct the name, or trust the file with --allow-outside",
+            "move it there and correct the name, or trust this file with --allow-outside",
         )
     }
 }

@@ -32,7 +32,7 @@ SimpleITK.WriteImage(SimpleITK.Compose([SimpleITK.GetImageFromArray(tczyx[0, c])
 affine = numpy.array([[0, -.7, 0, 10], [.5, 0, 0, -20], [0, 0, 1.1, 30], [0, 0, 0, 1]])
 nibabel.save(nibabel.Nifti1Image(tczyx.transpose(4, 3, 2, 0, 1).astype("i2"), affine), out + "series.nii.gz")
 nrrd.write(out + "list.nrrd", tczyx.transpose(0, 4, 3, 2, 1)[:, :, :, :, 0], {"kinds": ["list", "domain", "domain", "domain"],
-    "space dimension": 3, "space directions": [None, [.5, 0, 0], [0, .7, 0], [0, 0, 1.1]]})
+    "space dimension": 3, "space directions": numpy.array([[numpy.nan] * 3, [.5, 0, 0], [0, .7, 0], [0, 0, 1.1]])})
 "#;
 
 fn python() -> Option<String> {

@@ -71,11 +71,13 @@ impl Still<'_> {
         };
         let (contracted, lighting) = anew.as_ref().map_or((contracted, lighting), |(c, l)| (c, l));
         let (width, height) = self.args.seen.size;
+        let aspect = width as f64 / height as f64;
         let camera = match in_view(self.geometry, self.volume, self.together()) {
-            Some(bounds) => {
-                let aspect = width as f64 / height as f64;
-                Camera::framing(&bounds, self.up, view, self.args.seen.projection(), aspect)
+            Some(_) if self.shows_lobes() => {
+                let points = self.surface.seen(self.volume).chain(self.companions.iter().flat_map(Companion::points));
+                Camera::framing_points(points, self.up, view, self.args.seen.projection(), aspect)
             }
+            Some(bounds) => Camera::framing(&bounds, self.up, view, self.args.seen.projection(), aspect),
             None => self.args.camera(self.surface, self.volume, self.up, view),
         };
         let options = RenderOptions {
@@ -134,6 +136,14 @@ impl Still<'_> {
             walls.as_ref().and_then(|walls| walls.seen(origin, direction, limit, pixel)).or(found)
         };
         Ok(render(&subject, &[], Some(&backdrop), camera, options))
+    }
+
+    /// Whether all surfaces are of one grid, without walls, and to be framed closely.
+    fn shows_lobes(&self) -> bool {
+        let bounds = self.volume.world_bounds();
+        let has_walls = self.geometry.is_some_and(|geometry| geometry.bounds().min.is_finite());
+        let is_one_grid = self.companions.iter().all(|companion| companion.bounds() == bounds);
+        is_one_grid && !has_walls && self.args.frame == super::picture::Frame::Surface && self.args.turntable.is_none()
     }
 
     /// The box of all volumes, where there are several.

@@ -121,9 +121,14 @@ impl Surface {
         if self.positions.is_empty() {
             return Camera::framing(&all, up, view, projection, aspect);
         }
-        // Cut faces show in pictures: corners of the box that are solid belong to what is seen.
-        let points = self.positions.iter().map(|p| p.as_dvec3() + all.centre()).chain(self.solid_corners(volume));
-        Camera::framing_points(points, up, view, projection, aspect)
+        Camera::framing_points(self.seen(volume), up, view, projection, aspect)
+    }
+
+    /// Points around which all lies that a picture shows of it, in world. Cut faces show in pictures: corners of the box
+    /// that are solid belong to what is seen.
+    pub(super) fn seen(&self, volume: &Volume) -> impl Iterator<Item = DVec3> {
+        let centre = volume.world_bounds().centre();
+        self.positions.iter().map(move |p| p.as_dvec3() + centre).chain(self.solid_corners(volume))
     }
 }
 

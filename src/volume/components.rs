@@ -16,8 +16,10 @@ pub struct Removed {
 
 impl Volume {
     /// The volume without the parts of the solid {h > `isovalue`} (or below, as its side says) that are not connected
-    /// with the largest: their samples get the value that is furthest on the lit side. Samples are connected with all
-    /// 26 neighbours, so no cell holds samples of two parts and the surface of the largest stays as it is, to the bit.
+    /// with the largest: their samples get the value that is furthest on the lit side, and so does what falls away from
+    /// them, the samples that are reached from them by steps to lower values (in terms of the solid) but not from the
+    /// largest. Else a shell would stay, and shade the surfaces of isovalues beside this one. Samples are connected with
+    /// all 26 neighbours, so no cell holds samples of two parts and the surface of the largest stays as it is, to the bit.
     ///
     /// Of equally large parts the first in the order of samples stays.
     ///
@@ -33,7 +35,8 @@ impl Volume {
             ($($variant:ident: $t:ty),*) => {
                 match &self.samples {
                     $(Samples::$variant(s) => {
-                        let (samples, removed) = mask(s, dims, lit as $t, &|v| sign * (f64::from(v) - c_raw) > 0.0);
+                        let height = |v: f32| sign * (f64::from(v) - c_raw);
+                        let (samples, removed) = mask(s, dims, lit as $t, &height);
                         (samples.map(Samples::$variant), removed)
                     })*
                 }
@@ -69,15 +72,12 @@ impl Bits {
     }
 }
 
-/// The samples with those of all but the largest part replaced; `None` where there is only one.
-fn mask<T: Sample>(
-    samples: &[T],
-    dims: [usize; 3],
-    lit: T,
-    is_solid: &dyn Fn(f32) -> bool,
-) -> (Option<Vec<T>>, Removed) {
+/// The samples with those of all but the largest part replaced; `None` where there is only one. `height`: above 0 in the
+/// solid.
+fn mask<T: Sample>(samples: &[T], dims: [usize; 3], lit: T, height: &dyn Fn(f32) -> f64) -> (Option<Vec<T>>, Removed) {
     let mut seen = Bits::new(samples.len());
-    let solid = |i: usize| is_solid(samples[i].raw());
+    let height = |i: usize| height(samples[i].raw());
+    let solid = |i: usize| height(i) > 0.0;
     let (mut parts, mut all, mut largest): (u64, u64, Option<(u64, usize)>) = (0, 0, None);
     for start in 0..samples.len() {
         if !seen.has(start) && solid(start) {
@@ -94,8 +94,34 @@ fn mask<T: Sample>(
     };
     let mut stays = Bits::new(samples.len());
     fill(start, dims, &solid, &mut stays);
-    let one = |(i, &s): (usize, &T)| if is_solid(s.raw()) && !stays.has(i) { lit } else { s };
+    let of_largest: Vec<usize> = (0..samples.len()).filter(|&i| stays.has(i)).collect();
+    let of_others: Vec<usize> = (0..samples.len()).filter(|&i| solid(i) && !stays.has(i)).collect();
+    fall(of_largest, dims, &height, &mut stays);
+    let mut gone = Bits(stays.0.clone());
+    of_others.iter().for_each(|&i| gone.insert(i));
+    fall(of_others, dims, &height, &mut gone);
+    let one = |(i, &s): (usize, &T)| if gone.has(i) && !stays.has(i) { lit } else { s };
     (Some(samples.iter().enumerate().map(one).collect()), Removed { parts: parts - 1, samples: all - kept, kept })
+}
+
+/// Marks what is reached by steps to lower neighbours.
+fn fall(mut waiting: Vec<usize>, [nx, ny, nz]: [usize; 3], height: &dyn Fn(usize) -> f64, seen: &mut Bits) {
+    while let Some(i) = waiting.pop() {
+        let (x, y, z) = (i % nx, i / nx % ny, i / (nx * ny));
+        let here = height(i);
+        for z in z.saturating_sub(1)..=(z + 1).min(nz - 1) {
+            for y in y.saturating_sub(1)..=(y + 1).min(ny - 1) {
+                for x in x.saturating_sub(1)..=(x + 1).min(nx - 1) {
+                    let j = x + nx * (y + ny * z);
+                    let there = height(j);
+                    if there < here && there <= 0.0 && !seen.has(j) {
+                        seen.insert(j);
+                        waiting.push(j);
+                    }
+                }
+            }
+        }
+    }
 }
 
 /// Marks all that is connected with a sample; how many samples that are. Runs along x are marked at once.
@@ -163,9 +189,25 @@ mod tests {
         }
         let size = |l: usize| (0..samples.len()).filter(|&i| samples[i] > c && label[i] == l).count();
         let best = (0..samples.len()).rev().max_by_key(|&l| size(l)).unwrap();
+        let falls = |from: &dyn Fn(usize) -> bool, barred: &[bool]| {
+            let mut reached: Vec<bool> = (0..samples.len()).map(|i| samples[i] > c && from(i)).collect();
+            loop {
+                let before = reached.clone();
+                for i in (0..samples.len()).filter(|&i| before[i]) {
+                    for j in 0..samples.len() {
+                        let near = at(i).iter().zip(at(j)).all(|(a, b)| a.abs_diff(b) <= 1);
+                        reached[j] |= near && samples[j] < samples[i] && samples[j] <= c && !barred[j];
+                    }
+                }
+                if reached == before {
+                    return reached;
+                }
+            }
+        };
+        let kept = falls(&|i| label[i] == best, &vec![false; samples.len()]);
+        let gone = falls(&|i| label[i] != best, &kept);
         let low = *samples.iter().min().unwrap();
-        let one = |i: usize| if samples[i] > c && label[i] != best { low } else { samples[i] };
-        (0..samples.len()).map(one).collect()
+        (0..samples.len()).map(|i| if gone[i] && !kept[i] { low } else { samples[i] }).collect()
     }
 
     #[test]
@@ -180,7 +222,7 @@ mod tests {
             let (masked, removed) = volume(dims, samples.clone()).keep_largest(95.0).unwrap();
             let expected = by_definition(dims, &samples, 95);
             assert_eq!(*masked.samples(), Samples::U8(expected.clone()), "{seed} {dims:?}");
-            let gone = samples.iter().zip(&expected).filter(|(a, b)| a != b).count() as u64;
+            let gone = samples.iter().zip(&expected).filter(|(a, b)| **a > 95 && a != b).count() as u64;
             assert_eq!(removed.samples, gone, "{seed}");
         }
     }
@@ -191,7 +233,8 @@ mod tests {
         let mut below = volume([7, 1, 1], vec![200, 50, 60, 200, 180, 70, 200]);
         below.solid = Solid::Below;
         let (masked, removed) = below.keep_largest(100.0).unwrap();
-        assert_eq!(*masked.samples(), Samples::U8(vec![200, 50, 60, 200, 180, 200, 200]));
+        // What falls away from the smaller, 180, goes with it.
+        assert_eq!(*masked.samples(), Samples::U8(vec![200, 50, 60, 200, 200, 200, 200]));
         assert_eq!(removed, Removed { parts: 1, samples: 1, kept: 2 });
         assert_eq!(masked.outermost([100.0, 150.0]), Some(150.0));
         // One part: nothing changes.

@@ -108,7 +108,7 @@ const FORMATS: &[(&[Mark], &str, &str)] = &[
 ];
 
 /// The error for content of no format that is read.
-pub(super) fn unknown(head: &[u8]) -> Error {
+pub(super) fn refused(head: &[u8]) -> Error {
     let (found, remedy) = named(head);
     Error::format("volume", found, READ, remedy)
 }
@@ -235,10 +235,10 @@ mod tests {
             (b"".into(), "an empty file", "copied"),
         ];
         for (head, name, remedy) in cases {
-            let text = unknown(&head).to_string();
+            let text = refused(&head).to_string();
             assert!(text.contains(name) && text.contains(remedy), "{text}");
         }
-        assert!(unknown(b"mystery").to_string().contains("\"mystery\""));
+        assert!(refused(b"mystery").to_string().contains("\"mystery\""));
     }
 
     #[test]

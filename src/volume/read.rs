@@ -137,5 +137,5 @@ pub(crate) fn detect(head: &[u8]) -> Result<Format> {
     if cube::is_cube(head) {
         return Ok(Format::Cube);
     }
-    Err(foreign::unknown(head))
+    Err(foreign::refused(head))
 }

@@ -164,6 +164,11 @@ impl<'a> Companion<'a> {
         Ok(found)
     }
 
+    /// Points around which all of it lies, in world.
+    pub(in crate::cli) fn points(&self) -> impl Iterator<Item = DVec3> {
+        self.surface.seen(&self.member.volume)
+    }
+
     /// The box of its volume in world.
     pub(in crate::cli) fn bounds(&self) -> Bounds {
         self.member.volume.world_bounds()

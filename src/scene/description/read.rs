@@ -83,6 +83,9 @@ impl<'a> Section<'a> {
     }
 }
 
+/// Characters of a value that a message shows.
+const MOST_SHOWN: usize = 60;
+
 /// A value and where it stands.
 #[derive(Clone)]
 pub(super) struct Item<'a> {
@@ -100,7 +103,9 @@ impl<'a> Item<'a> {
     /// Refuses the value.
     pub(super) fn refuse(&self, expected: impl Into<String>, remedy: impl Into<String>) -> Error {
         let text = self.source.text.get(self.span.clone()).unwrap_or_default();
-        let first = text.lines().next().unwrap_or_default();
+        let line = text.lines().next().unwrap_or_default();
+        let end = line.char_indices().nth(MOST_SHOWN).map_or(line.len(), |(at, _)| at);
+        let first = line.get(..end).unwrap_or_default();
         let dots = if first.len() < text.len() { " …" } else { "" };
         let kind = if self.value.is_table() { "a table" } else { first };
         self.source.error(self.span.start, format!("{} = {kind}{dots}", self.name), expected, remedy)

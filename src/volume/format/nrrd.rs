@@ -420,7 +420,16 @@ fn world(header: &Header, axes: [usize; 3], rank: usize, notes: &mut Vec<Note>) 
             },
             None => DVec3::ZERO,
         };
-        let signs = space.map_or(Ok(DVec3::ONE), signs)?;
+        let signs = match (space, header.get(&["space dimension"])) {
+            (Some(space), _) => signs(space)?,
+            (None, Some("4")) => {
+                // ITK names no space of four dimensions; its own is that of DICOM.
+                notes
+                    .push(note("space dimension 4 without a space: read as ITK writes it, left-posterior-superior", 1));
+                DVec3::new(-1.0, -1.0, 1.0)
+            }
+            (None, _) => DVec3::ONE,
+        };
         let metres = header.get(&["space units"]).and_then(|t| unit_of(t, [0, 1, 2]));
         let linear = DMat3::from_diagonal(signs) * DMat3::from_cols(x, y, z);
         return Ok((affine(NAME, linear, signs * origin)?, metres.map_or(LengthUnit::Unknown, LengthUnit::Metres)));

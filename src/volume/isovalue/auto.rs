@@ -64,11 +64,16 @@ fn level_of(volume: &Volume, statistics: &Statistics, found: &Found, side: Optio
         None if found.knows_side => by_rule,
         None => {
             let (inside, border) = solid_of_border(volume, first, Solid::Above);
-            if inside as f64 > OPEN * border as f64 { Solid::Below } else { Solid::Above }
+            let share = inside as f64 / border.max(1) as f64;
+            if (1.0 - OPEN..=OPEN).contains(&share) {
+                // The negative volume has the other part of the border: nothing tells which side is meant.
+                reason += &format!("; {:.0} % of the border is above it: --solid below is as likely", 100.0 * share);
+            }
+            if share > OPEN { Solid::Below } else { Solid::Above }
         }
     };
     if side.is_none() && solid == Solid::Below {
-        reason += "; what lies below it is solid, since what lies above reaches the border";
+        reason += if found.knows_side { "; matter is below it" } else { "; matter is below it: the border lies above" };
     }
     let more = found.levels.iter().skip(1).map(|level| Level { value: value(*level), solid }).collect();
     Chosen { value: first, solid, reason: Some(reason), more, alternatives: Vec::new(), warning: None }

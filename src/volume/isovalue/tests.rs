@@ -155,9 +155,10 @@ fn labels_get_a_level_between_each_two() {
 fn two_classes_are_split_and_the_side_at_the_border_is_air() {
     let ball = agrees_with_negative(&made(|p| 80.0 - 60.0 * radius(p)));
     assert!(ball.solid == Solid::Above && ball.warning.is_none(), "{ball:?}");
-    // Open on half of the border: the side stays, and nothing is said of it.
+    // Open on half of the border: the side stays, and it is said that the other is as likely.
     let slab = auto(&made(|p| p[0]));
     assert!(slab.solid == Solid::Above && slab.value.abs() < 0.01 && slab.warning.is_none(), "{slab:?}");
+    assert!(slab.reason.unwrap().contains("--solid below is as likely"));
 }
 
 #[test]

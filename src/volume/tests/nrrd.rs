@@ -113,7 +113,7 @@ fn channels_and_time_points_are_chosen() {
             let shift = 1000.0 * channel as f64 + 2000.0 * timepoint as f64;
             let value = |i: usize| f64::from(volume.samples().raw(i)) - shift;
             assert!(points([4, 3, 2]).enumerate().all(|(i, (x, y, z))| value(i) == probe(x, y, z)), "{encoding}");
-            assert_eq!(volume.world_from_grid().point(DVec3::ONE), DVec3::new(3.0, 5.0, 7.0));
+            assert_eq!(volume.world_from_grid().point(DVec3::ONE), DVec3::new(-3.0, -5.0, 7.0));
             assert_eq!((volume.series.channels.len(), volume.series.timepoints), (2, 3));
         }
         let choice = Choice { channel: Some(Channel::Index(0)), timepoint: Some(3), ..Choice::default() };
