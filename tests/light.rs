@@ -318,7 +318,7 @@ fn previews_show_the_shadow_of_a_split_sun() {
     let black = Light::constant([0.0; 3]);
     let material = Material::new([0.5, 0.25, 0.0], [0.0; 3]).unwrap();
     let contracted = contract(&scene.texture, &scene.selection.bricks(), &black, &material).unwrap();
-    let top = View::named("top").unwrap();
+    let top = View::named("top", volume.up).unwrap();
     let camera = Camera::framing(&volume.world_bounds(), volume.up, top, Projection::Orthographic, 1.0);
     let options = RenderOptions { width: 64, height: 64, supersampling: 1 };
     let towards = DVec3::new(0.6, 0.0, 0.8);
