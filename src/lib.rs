@@ -36,9 +36,10 @@
 //!
 //! # Spaces
 //! *grid* (voxel index) → *world* (the file's frame and unit, by an affine `world_from_grid` that may be oblique
-//! and left-handed) → *glTF* (Y-up, right-handed, by [`geom::Up`]). Environments live in the glTF frame; transfer
-//! lives in world axes, and a probe's coefficients are rotated into world, never the transfer. A gradient is a
-//! covector. The space is in the name: `hit_in_world`, `world_from_grid`; in a product the inner names meet.
+//! and left-handed) → *glTF* (Y-up, right-handed, by [`geom::Up`], which also says what is the front). Environments live
+//! in the glTF frame ([`probe::latlong`] states how an image lies there); transfer lives in world axes, and a probe's
+//! coefficients are rotated into world, never the transfer. A gradient is a covector. The space is in the name:
+//! `hit_in_world`, `world_from_grid`; in a product the inner names meet.
 //!
 //! # Units
 //! World coordinates are in the file's unit ([`volume::LengthUnit`] says how many metres that is, if known).

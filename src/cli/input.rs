@@ -253,3 +253,28 @@ fn nearest_beside(argument: &str, wanted: impl Fn(&str) -> bool) -> Option<Strin
 pub(super) fn file_name(path: &str) -> String {
     Path::new(path).file_name().map_or_else(|| path.to_string(), |n| n.to_string_lossy().into_owned())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_front_follows_the_file_unless_told_otherwise() {
+        let args = |up, frame_of| VolumeArgs { up, frame_of, ..VolumeArgs::default() };
+        let (grid, patient) = (Some(FrameOf::Grid), Some(FrameOf::Anatomical));
+        for (up, frame_of, found, expected) in [
+            (None, None, Up::Anatomical, Up::Anatomical),
+            (Some(Up::Z), None, Up::Anatomical, Up::Anatomical),
+            (Some(Up::X), None, Up::Anatomical, Up::X),
+            (None, grid, Up::Anatomical, Up::Z),
+            (None, grid, Up::NegY, Up::NegY),
+            (None, patient, Up::Z, Up::Anatomical),
+        ] {
+            assert_eq!(args(up, frame_of).up_of(found).ok(), Some(expected), "{up:?} {frame_of:?} {found:?}");
+        }
+        assert!(args(Some(Up::X), patient).up_of(Up::Z).is_err() && args(None, patient).up_of(Up::Y).is_err());
+        // A scene stands in the frame of its walls.
+        assert_eq!(args(None, None).of_scene().up_of(Up::Anatomical).ok(), Some(Up::Z));
+        assert_eq!(args(None, patient).of_scene().up_of(Up::Anatomical).ok(), Some(Up::Anatomical));
+    }
+}

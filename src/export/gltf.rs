@@ -94,12 +94,12 @@ pub fn scale(mesh: &ExportMesh<'_>) -> f64 {
 }
 
 /// Sides in metres, along X, Y and Z of glTF, of the box around what a mesh shows in a viewer; `given` is
-/// [`GltfOptions::scale`]. All 0 for a mesh without vertices.
+/// [`GltfOptions::scale`]. All 0 for a mesh without triangles.
 pub fn size_in_metres(mesh: &ExportMesh<'_>, given: Option<f64>) -> [f64; 3] {
     let centre = mesh.centre_in_world();
     let bounds = (0..mesh.positions.len())
         .fold(Bounds::EMPTY, |bounds, v| bounds.including(mesh.positions.from_centre(v, centre).as_dvec3()));
-    if mesh.positions.len() == 0 {
+    if mesh.triangles.is_empty() {
         return [0.0; 3];
     }
     // The rotation takes axes to axes.

@@ -210,3 +210,24 @@ fn pairs_are_opened_by_the_path_of_the_header() {
     let v = open(&path).unwrap();
     assert_eq!((v.samples(), v.name.as_str()), (&Samples::U8(vec![7, 8]), "head"));
 }
+
+/// Codes of the transforms: 0 of both says nothing of a patient.
+#[test]
+fn a_transform_code_makes_the_frame_anatomical() {
+    let ball = |qform: i16, sform: i16| {
+        let mut header = Header::new(Order::Little, &[2, 2, 2], 2);
+        header.set(252, Order::Little.i16(qform));
+        header.set(254, Order::Little.i16(sform));
+        for (row, at) in [280, 296, 312].into_iter().enumerate() {
+            let mut values = [0.0; 4];
+            values[row] = 2.0;
+            header.floats(at, &values);
+        }
+        load(&header.with(0..8)).unwrap().up
+    };
+    use crate::geom::Up;
+    assert_eq!(ball(0, 0), Up::Z);
+    for code in 1..=5 {
+        assert_eq!([ball(code, 0), ball(0, code)], [Up::Anatomical; 2], "{code}");
+    }
+}

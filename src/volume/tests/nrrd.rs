@@ -56,6 +56,8 @@ fn spaces_are_converted_to_ras() {
         let v = load(&file(&header, &data)).unwrap();
         assert_eq!(v.world_from_grid().point(p), sign * DVec3::new(11.0, 22.5, 27.0), "{space}");
         assert_eq!(v.unit, LengthUnit::Metres(1e-3));
+        let is_patient = !["3D-right-handed", "scanner-xyz"].contains(&space);
+        assert_eq!(v.up.is_anatomical(), is_patient, "{space}");
     }
     // Without a space: as given, the unit too.
     let v = load(&file(&format!("{common}\nspace dimension: 3\n{directions}"), &data)).unwrap();

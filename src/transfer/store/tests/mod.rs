@@ -316,3 +316,34 @@ fn chunks_that_do_not_fit_are_refused() {
     let (bricks, how) = store.read_chunk([1, 0, 1]).unwrap().unwrap();
     assert!(bricks.iter().all(Option::is_none) && how == extent(4));
 }
+
+/// Stores from before the frame was recorded are not anatomical, and say so.
+#[test]
+fn an_anatomical_frame_is_recorded() {
+    let directory = tempfile::tempdir().unwrap();
+    let standing = |up| {
+        let mut volume = volume();
+        volume.up = up;
+        volume
+    };
+    let anatomical = standing(Up::Anatomical);
+    let path = directory.path().join("s.isolume");
+    let identity = Identity::new(&anatomical, &layout(), "path", false, 0);
+    // The frame turns light and views, never the transfer.
+    assert_eq!(identity, Identity::new(&standing(Up::Z), &layout(), "path", false, 0));
+    drop(Store::open_or_create(&path, &anatomical, &identity, provenance()).unwrap());
+    let found = Store::open(&path).unwrap().volume().unwrap();
+    assert_eq!((found.up, found.notes.len()), (Up::Anatomical, volume().notes.len()));
+    let metadata = files(&path).into_iter().find(|(name, bytes)| {
+        name.ends_with("data/zarr.json") && String::from_utf8_lossy(bytes).contains("\"anatomical\"")
+    });
+    let (name, bytes) = metadata.unwrap();
+    let mut json: Value = serde_json::from_slice(&bytes).unwrap();
+    let mut attributes = unsealed(&json).unwrap();
+    attributes.as_object_mut().unwrap().shift_remove("anatomical");
+    json["attributes"] = sealed(attributes);
+    fs::write(&name, serde_json::to_vec(&json).unwrap()).unwrap();
+    let old = Store::open(&path).unwrap().volume().unwrap();
+    assert_eq!(old.up, Up::Z);
+    assert!(old.notes.iter().any(|note| note.text == FRONT_NOT_RECORDED));
+}
