@@ -48,7 +48,7 @@ fn baked(volume: Volume, geometry: Geometry, isovalue: Option<f64>, rays: u32, l
         Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).expect("a lattice"), layers: layers.clone() };
     let settings = SceneSettings { layers, rays, seed: 5, caustics: true };
     let selection = match isovalue {
-        Some(c) => isolume::relight::texels_of_isosurface(&volume, layout.lattice, c),
+        Some(c) => isolume::transfer::texels_of_isosurface(&volume, layout.lattice, c),
         None => Selection::of_all_isosurfaces(layout.lattice, &volume),
     };
     let pyramid = Pyramid::new(&volume);

@@ -15,11 +15,11 @@ use super::scene::SceneFile;
 use super::{Failure, Outcome, options};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
-use crate::relight::texels_of_isosurface;
 use crate::scene as scenes;
 use crate::scene::Effects;
 use crate::scene::geometry::Geometry;
 use crate::transfer::store::{ChunkExtent, Identity, Store, StoreLock, StoreOptions};
+use crate::transfer::texels_of_isosurface;
 use crate::transfer::{Brick, Lattice, Layout, Selection};
 use crate::transport::{
     Bake, Bias, GatherSettings, PhotonBake, PhotonMap, Progress, SceneSummary, Settings, Summary, Target, bake, gather,

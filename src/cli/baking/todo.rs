@@ -2,9 +2,9 @@
 
 use super::Job;
 use crate::error::Result;
-use crate::relight::{extents_by_chunk, texels_of_isosurface};
 use crate::transfer::store::{Baked, Store};
 use crate::transfer::{CHUNK, Selection};
+use crate::transfer::{extents_by_chunk, texels_of_isosurface};
 use std::collections::BTreeMap;
 
 /// Chunks that lack the same and have the same.
@@ -61,7 +61,9 @@ impl<'a> Todo<'a> {
         }
         let mut groups: BTreeMap<Need, Vec<[usize; 3]>> = BTreeMap::new();
         for (c, asked) in touched.iter().enumerate().filter(|(_, asked)| !asked.is_empty()) {
-            if job.share.is_some_and(|share| !share.holds(c)) || job.only.as_ref().is_some_and(|only| !only.contains(&c)) {
+            if job.share.is_some_and(|share| !share.holds(c))
+                || job.only.as_ref().is_some_and(|only| !only.contains(&c))
+            {
                 continue;
             }
             let chunk = [c % cx, c / cx % cy, c / cx / cy];

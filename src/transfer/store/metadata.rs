@@ -84,7 +84,12 @@ pub(super) fn root_about(nodes: &[String]) -> Value {
 }
 
 /// The metadata of all groups and arrays of a volume, with the groups that hold them.
-pub(super) fn nodes_of(volume: &Volume, identity: &Identity, layout: &Layout, provenance: Value) -> Result<Vec<(String, Value)>> {
+pub(super) fn nodes_of(
+    volume: &Volume,
+    identity: &Identity,
+    layout: &Layout,
+    provenance: Value,
+) -> Result<Vec<(String, Value)>> {
     let node = node_name(&volume.name);
     let layers = &layout.layers;
     let layer = |k: usize| {
