@@ -67,6 +67,7 @@
 //! | [`scene`] | descriptions in TOML, walls and luminaires ([`scene::geometry`]), materials over the isovalue, the encoding of colours, the plan of effects | solvers' insides |
 //! | [`transfer`] | lattice, layers, bricks, selections, the store on disk | how transfer was computed; probes |
 //! | [`transport`] | the estimators, error bars, the parallel loop, paths and photons as references of one surface | probes, meshes, files |
+//! | [`mod@bake`] | requests, goals, what is pending or damaged, the bake into a store | probes, relighting, the clock |
 //! | [`probe`] | environment images, skies, projection, orientation | volumes, transfer |
 //! | [`relight`] | the runtime: contraction, lookup, albedo, emission, exposure | rays, solvers, files |
 //! | [`render`] | camera rays for previews, what pixels see | solvers |
@@ -106,6 +107,7 @@ pub mod surface;
 pub mod scene;
 pub mod transfer;
 pub mod transport;
+pub mod bake;
 pub mod probe;
 pub mod relight;
 pub mod render;

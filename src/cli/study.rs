@@ -340,7 +340,7 @@ impl Study {
 /// Most stored bytes that any setting needs for a texel.
 fn most_bytes(all: &[(String, String, Setting)]) -> Outcome<u64> {
     let layers = all.iter().map(|(_, _, s)| Layers::new(s.bands.clone())).collect::<Result<Vec<_>, Error>>()?;
-    Ok(layers.iter().map(super::options::texel_bytes).max().unwrap_or(0))
+    Ok(layers.iter().map(crate::bake::bytes_of_texel).max().unwrap_or(0))
 }
 
 /// Most bands that any setting has.

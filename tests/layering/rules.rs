@@ -29,6 +29,8 @@ pub const LAYERS: &[Layer] = &[
     layer("transfer", &["level", "sampling"]),
     // Not files.
     layer("transport", &["transfer::store"]),
+    // Not light.
+    layer("bake", &[]),
     // Of scenes only the encoding of colours.
     layer("probe", &["volume", "level", "scene::plan", "transfer", "transport"]),
     // Not rays, not solvers.
