@@ -73,7 +73,7 @@ fn baked(volume: &Volume, geometry: &Geometry, isovalues: &[f64], rays: u32, lay
         textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
     })
     .expect("a bake");
-    let (exponents, counts) = (request.exponents(), summary.counts);
+    let (exponents, counts) = (request.geometry.exponents(request.volume), summary.counts);
     Baked { volume: volume.clone(), textures, exponents, selection: selection.clone(), counts }
 }
 

@@ -195,7 +195,7 @@ fn bake(volume: &Volume, pyramid: &Pyramid, geometry: &Geometry, rays: u32) -> i
     bake_scene(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
         textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
     })?;
-    Ok(Baked { exponents: request.exponents(), textures, lattice })
+    Ok(Baked { exponents: request.geometry.exponents(request.volume), textures, lattice })
 }
 
 impl Baked {

@@ -8,7 +8,7 @@ use crate::level::Pyramid;
 use crate::scene as scenes;
 use crate::scene::Effects;
 use crate::scene::geometry::Geometry;
-use crate::transfer::store::{Identity, Store};
+use crate::transfer::store::{EstimatorIdentity, Identity, Shadows, Store, Surroundings};
 use crate::transfer::{Lattice, Layout, Selection, texels_of_isosurfaces};
 use crate::transport::{Bake, GatherSettings, PhotonBake, Settings, pilot};
 use crate::volume::{Shadowing, Volume};
@@ -162,40 +162,37 @@ impl Request<'_> {
     /// What decides the store's numbers.
     pub fn identity(&self) -> Identity {
         let (positive, seed) = (self.settings.positive, self.settings.seed);
-        let identity = Identity::new(self.volume, &self.layout, self.estimator_name(), positive, seed);
+        let identity = Identity::new(self.volume, &self.layout, self.estimator_identity(), positive, seed);
         Identity { scene: self.geometry.map(|geometry| self.scene_identity(geometry)), ..identity }
     }
 
-    /// The estimator as it stands in stores. The texels of `gather` depend on their neighbours, so which isosurfaces
-    /// are baked together is part of its name.
-    fn estimator_name(&self) -> String {
-        if self.geometry.is_some() {
-            let off = self.effects.switched("caustics") == Some(false);
-            let alone = self.geometry.is_some_and(|g| g.parts() == 0 && g.luminaires().is_empty());
-            let what = if alone { "path among volumes" } else { "path among walls" };
-            return format!("{what}{}", if off { "; caustics left out" } else { "" });
+    /// The estimator as it stands in stores.
+    fn estimator_identity(&self) -> EstimatorIdentity {
+        if let Some(geometry) = self.geometry {
+            let alone = geometry.parts() == 0 && geometry.luminaires().is_empty();
+            let among = if alone { Surroundings::Volumes } else { Surroundings::Walls };
+            return EstimatorIdentity::ScenePath { among, caustics: self.effects.switched("caustics") != Some(false) };
         }
-        let shadows = match self.volume.shadowing {
-            Shadowing::Ignored => "; shadowing ignored",
-            Shadowing::Traced => "; every texel traced",
-            Shadowing::Found if self.volume.is_convex() => "; solids declared convex",
-            Shadowing::Found => "",
+        let shadowing = match self.volume.shadowing {
+            Shadowing::Ignored => Shadows::Ignored,
+            Shadowing::Traced => Shadows::Traced,
+            Shadowing::Found if self.volume.is_convex() => Shadows::Convex,
+            Shadowing::Found => Shadows::Found,
         };
         match self.estimator {
-            Estimator::Path => format!("path{shadows}"),
+            Estimator::Path => EstimatorIdentity::Path { shadowing },
             Estimator::Photon => {
-                format!("photon: {} sent out, {} to a texel{shadows}", self.photons().photons, self.settings.rays)
+                EstimatorIdentity::Photon { sent: self.photons().photons, nearest: self.settings.rays, shadowing }
             }
             Estimator::Gather => {
                 let how = self.gather_settings();
-                let list = |l: &Vec<f64>| l.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
-                let isovalues = self.isovalues.as_ref().map_or("all".into(), list);
-                let rays = self.settings.rays;
-                format!(
-                    "gather: {} passes of {}, then {rays} rays; isovalues {isovalues}{shadows}",
-                    how.passes - 1,
-                    how.cache_rays
-                )
+                EstimatorIdentity::Gather {
+                    passes: how.passes - 1,
+                    cache_rays: how.cache_rays,
+                    rays: self.settings.rays,
+                    isovalues: self.isovalues.clone(),
+                    shadowing,
+                }
             }
         }
     }

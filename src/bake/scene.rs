@@ -46,11 +46,10 @@ impl Request<'_> {
 
     /// What a store of this scene is named by.
     pub(super) fn scene_identity(&self, geometry: &Geometry) -> SceneIdentity {
-        let size = 0.5 * self.volume.world_bounds().size().length();
         SceneIdentity {
             fingerprint: geometry.fingerprint().into(),
             luminaires: geometry.luminaires().iter().map(|l| l.name.clone()).collect(),
-            exponents: (0..geometry.luminaires().len()).map(|l| geometry.exponent(l, size)).collect(),
+            exponents: geometry.exponents(self.volume),
             coupling: geometry.among().map(|among| CouplingIdentity {
                 coupling: among.coupling.clone(),
                 name: among.name.clone(),

@@ -50,6 +50,7 @@ mod archive;
 mod backing;
 mod chunk;
 pub mod diagnose;
+mod estimator;
 mod extent;
 mod holdings;
 mod identity;
@@ -68,6 +69,7 @@ mod zarr;
 mod tests;
 
 pub use diagnose::{Diagnosis, diagnose};
+pub use estimator::{EstimatorIdentity, Shadows, Surroundings};
 pub use extent::{Baked, ChunkExtent, ErrorTarget};
 pub use holdings::Holdings;
 pub use identity::{FORMAT_VERSION, Identity, OLDEST_FORMAT_VERSION, SceneIdentity};
