@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let layers = Layers::uniform(2, 4)?;
     let layout = Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0)?, layers: layers.clone() };
     let settings = Settings { layers, rays: 64, seed: 0, target: None, positive: false };
-    let selection = isolume::relight::texels_of_isosurface(&volume, layout.lattice, isovalue);
+    let selection = isolume::transfer::texels_of_isosurface(&volume, layout.lattice, isovalue);
     let request =
         Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
 

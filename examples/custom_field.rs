@@ -5,8 +5,9 @@
 use glam::DVec3;
 use isolume::geom::Bounds;
 use isolume::level::Pyramid;
-use isolume::relight::{Light, Material, contract, texels_of_isosurface};
+use isolume::relight::{Light, Material, contract};
 use isolume::surface::extract;
+use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{BRICK, CHUNK, Lattice, Layers, Layout, MemoryTexture};
 use isolume::transport::{Bake, Progress, Settings, bake};
 use isolume::volume::field::{Field, sample};

@@ -5,9 +5,10 @@
 
 use isolume::export::{ExportMesh, Positions, atomic, gltf};
 use isolume::probe::{Orientation, by_name};
-use isolume::relight::{Exposure, Light, Material, contract, texels_of_isosurface};
+use isolume::relight::{Exposure, Light, Material, contract};
 use isolume::surface::extract;
 use isolume::transfer::store::Store;
+use isolume::transfer::texels_of_isosurface;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);

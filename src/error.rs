@@ -50,6 +50,14 @@ pub enum Error {
         /// What the user can do about it.
         remedy: String,
     },
+    /// Work was stopped on request before it was done; what was finished is kept.
+    #[error("stopped after {done} of {all} chunks; resume with the same command")]
+    Stopped {
+        /// Chunks that are there.
+        done: usize,
+        /// Chunks that were asked for.
+        all: usize,
+    },
     /// A request would take more of a resource than its limit.
     #[error("{what} needs {needed}, the limit is {limit}; {remedy}")]
     Limit {

@@ -64,11 +64,12 @@
 //! | [`sh`] | basis, coefficients, projection, rotation, windows | colour, images, volumes |
 //! | [`volume`] | samples and grid, readers from `impl Read`, analytic fields | light, rays |
 //! | [`level`] | rays with an isovalue for life, the min/max pyramid, roots in a cell, B-spline normals | light, SH, random numbers |
+//! | [`surface`] | extraction of watertight meshes | light, SH, transfer |
 //! | [`scene`] | descriptions in TOML, walls and luminaires ([`scene::geometry`]), materials over the isovalue, the encoding of colours, the plan of effects | solvers' insides |
 //! | [`transfer`] | lattice, layers, bricks, selections, the store on disk | how transfer was computed; probes |
 //! | [`transport`] | the estimators, error bars, the parallel loop, paths and photons as references of one surface | probes, meshes, files |
+//! | [`mod@bake`] | requests, goals, what is pending or damaged, the bake into a store | probes, relighting, the clock |
 //! | [`probe`] | environment images, skies, projection, orientation | volumes, transfer |
-//! | [`surface`] | extraction of watertight meshes | light, SH, transfer |
 //! | [`relight`] | the runtime: contraction, lookup, albedo, emission, exposure | rays, solvers, files |
 //! | [`render`] | camera rays for previews, what pixels see | solvers |
 //! | [`mod@compare`] | the store against paths and photons on the same surface, the budget of its errors | files |
@@ -103,11 +104,12 @@ pub mod sampling;
 pub mod sh;
 pub mod volume;
 pub mod level;
+pub mod surface;
 pub mod scene;
 pub mod transfer;
 pub mod transport;
+pub mod bake;
 pub mod probe;
-pub mod surface;
 pub mod relight;
 pub mod render;
 pub mod compare;

@@ -195,7 +195,7 @@ fn the_bound_becomes_an_equality_on_the_bowl() {
         let layout =
             Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).expect("a lattice"), layers: layers.clone() };
         let settings = Settings { layers, rays: 64, seed: 3, target: None, positive: true };
-        let selection = isolume::relight::texels_of_isosurface(&volume, layout.lattice, 0.7);
+        let selection = isolume::transfer::texels_of_isosurface(&volume, layout.lattice, 0.7);
         let bake =
             Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
         pilot(&bake, 500).expect("a pilot")

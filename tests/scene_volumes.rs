@@ -8,12 +8,11 @@ mod program;
 use glam::{DMat3, DVec3};
 use isolume::geom::Bounds;
 use isolume::level::Pyramid;
-use isolume::relight::{
-    Contracted, Light, LookupReport, LuminaireLight, Material, contract_scene, texels_of_isosurface,
-};
+use isolume::relight::{Contracted, Light, LookupReport, LuminaireLight, Material, contract_scene};
 use isolume::sampling::statistics::{Running, normal_two_sided, rms, sidak};
 use isolume::scene::geometry::{Among, Finish, Geometry, Luminaire, LuminaireShape, Partner, Shape, Wall};
 use isolume::scene::{Coupled, Coupling};
+use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{BRICK, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, validity};
 use isolume::transport::{
     Progress, SceneBake, SceneCounts, SceneReference, SceneSettings, bake_scene, scene_radiance, trace_photons,
@@ -74,7 +73,7 @@ fn baked(volume: &Volume, geometry: &Geometry, isovalues: &[f64], rays: u32, lay
         textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
     })
     .expect("a bake");
-    let (exponents, counts) = (request.exponents(), summary.counts);
+    let (exponents, counts) = (request.geometry.exponents(request.volume), summary.counts);
     Baked { volume: volume.clone(), textures, exponents, selection: selection.clone(), counts }
 }
 

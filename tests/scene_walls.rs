@@ -48,7 +48,7 @@ fn baked(volume: Volume, geometry: Geometry, isovalue: Option<f64>, rays: u32, l
         Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).expect("a lattice"), layers: layers.clone() };
     let settings = SceneSettings { layers, rays, seed: 5, caustics: true };
     let selection = match isovalue {
-        Some(c) => isolume::relight::texels_of_isosurface(&volume, layout.lattice, c),
+        Some(c) => isolume::transfer::texels_of_isosurface(&volume, layout.lattice, c),
         None => Selection::of_all_isosurfaces(layout.lattice, &volume),
     };
     let pyramid = Pyramid::new(&volume);
@@ -64,7 +64,7 @@ fn baked(volume: Volume, geometry: Geometry, isovalue: Option<f64>, rays: u32, l
         request.groups().iter().map(|g| MemoryTexture::new(g.layout(&layout).expect("a layout"))).collect();
     let [cx, cy, cz] = layout.lattice.chunks();
     let chunks: Vec<[usize; 3]> = (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]).collect();
-    let exponents = request.exponents();
+    let exponents = request.geometry.exponents(request.volume);
     let summary = bake_scene(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
         textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
     })

@@ -10,9 +10,10 @@
 //! is the same ratio in processor time. `volumes` writes what `flying_edges.py` reads.
 
 use cpu_time::ProcessTime;
-use isolume::relight::{Light, Material, contract, texels_of_isosurface};
+use isolume::relight::{Light, Material, contract};
 use isolume::surface::{extract, extract_without_normals};
 use isolume::transfer::store::Store;
+use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{BRICK_TEXELS, BrickSource, MemoryTexture, validity};
 use isolume::volume::{Volume, field};
 use rayon::prelude::*;

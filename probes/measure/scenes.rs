@@ -182,7 +182,7 @@ fn bake(volume: &Volume, pyramid: &Pyramid, geometry: &Geometry, rays: u32) -> i
     let settings = SceneSettings { layers, rays, seed: 0, caustics: true };
     let mut selection = Selection::empty(lattice);
     for isovalue in ISOVALUES {
-        selection.insert_all(&isolume::relight::texels_of_isosurface(volume, lattice, isovalue));
+        selection.insert_all(&isolume::transfer::texels_of_isosurface(volume, lattice, isovalue));
     }
     let (layout, selection) = (&layout, &selection);
     let request = SceneBake { volume, pyramid, geometry, layout, settings: &settings, selection };
@@ -195,7 +195,7 @@ fn bake(volume: &Volume, pyramid: &Pyramid, geometry: &Geometry, rays: u32) -> i
     bake_scene(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
         textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
     })?;
-    Ok(Baked { exponents: request.exponents(), textures, lattice })
+    Ok(Baked { exponents: request.geometry.exponents(request.volume), textures, lattice })
 }
 
 impl Baked {
@@ -205,7 +205,7 @@ impl Baked {
             .zip(&self.exponents)
             .map(|(texture, &e)| LuminaireLight { texture, factor: [f64::from(e).exp2(); 3] })
             .collect();
-        let bricks = isolume::relight::texels_of_isosurface(volume, self.lattice, isovalue).bricks();
+        let bricks = isolume::transfer::texels_of_isosurface(volume, self.lattice, isovalue).bricks();
         let material = Material::new([ALBEDO; 3], [0.0; 3])?;
         let dark = Light::constant([0.0; 3]);
         contract_scene(&self.textures[0], &self.textures[1], &luminaires, &bricks, &dark, &material)

@@ -1,6 +1,6 @@
 //! `isolume bake`: fills a transfer store.
 
-use super::baking::{self, ForLight, Goal, Job, Share, Writing, fill, layout_of_scene, parse_time, size_on_disk};
+use super::baking::{self, Told, fill, parse_share, parse_time, size_on_disk};
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::{Isovalue, tell};
@@ -8,12 +8,13 @@ use super::light::open_probe;
 use super::options::{BakeArgs, Texture};
 use super::scene::SceneFile;
 use super::{Failure, Outcome, forecast, joint, output, replay, text};
+use crate::bake::{ForLight, Goal, Share, Writing, layout_of_scene};
 use crate::level::Pyramid;
-use crate::probe::Orientation;
+use crate::probe::{EnvFrame, Orientation};
 use crate::relight::Material;
 use crate::study::model::ENOUGH;
-use crate::transfer::Layout;
 use crate::transfer::store::{Replacement, Store};
+use crate::transfer::{Layout, texels_of_isosurfaces};
 use crate::volume::Volume;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -62,7 +63,7 @@ pub(super) struct Bake {
         conflicts_with_all = ["time", "error", "rays", "texture", "chunks", "replay_texel"])]
     auto: Option<Duration>,
     /// Bake only share i of n of the chunks; several processes may fill one store so, or each its own for merge
-    #[arg(long, value_name = "I/N", value_parser = Share::parse)]
+    #[arg(long, value_name = "I/N", value_parser = parse_share)]
     chunks: Option<Share>,
     #[command(flatten)]
     volume: VolumeArgs,
@@ -152,7 +153,7 @@ impl Bake {
         let geometry = opened.geometry.as_ref();
         let mut transfer = self.bake.transfer.clone();
         if let (Some(time), false) = (self.auto, is_empty) {
-            forecast::check("--auto", geometry.is_some(), self.bake.estimator)?;
+            forecast::check("--auto", geometry.is_some(), self.bake.estimator.into())?;
             let isovalues: Option<Vec<f64>> = chosen.as_ref().map(|list| list.iter().map(|c| c.value).collect());
             (transfer.texture, transfer.rays) =
                 self.choose_texture(volume, isovalues.as_deref(), time, start, seed, console)?;
@@ -174,16 +175,16 @@ impl Bake {
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let light = self.light(volume, &layout)?;
         let effects = self.bake.transfer.effects();
-        let mut job = Job::of_options(&opened, scene, &self.bake, isovalues, layout, settings, &effects);
-        job.goal = Goal { light, time: self.time, ..job.goal };
+        let mut job = baking::request(&opened, scene, &self.bake, isovalues, layout, settings, &effects);
+        job.goal = Goal { light, seconds: self.time.map(|t| t.as_secs_f64()), ..job.goal };
         job.hints.shown = console.is_verbose();
-        (job.share, job.start) = (self.chunks, start);
+        job.share = self.chunks;
         job.writing = Writing { sync: !self.no_sync, repair: self.repair, ..Writing::default() };
-        job.check_memory()?;
+        baking::check(&job)?;
         let (Some(path), Some(target)) = (&self.output, target) else {
             return Err(Failure::Message("the output is missing: give -o X.isolume".into()));
         };
-        let (store, report) = fill(&job, target, console)?;
+        let (store, report) = fill(&job, target, start, console)?;
         let bytes = size_on_disk(target);
         console.summary(text::file_line(path, &report.summary_line(bytes)));
         console.detail(report.lines(bytes));
@@ -240,7 +241,7 @@ impl Bake {
             layers: &layers,
             seed,
         };
-        let selected = |lattice| baking::selection(volume, lattice, isovalues);
+        let selected = |lattice| texels_of_isosurfaces(volume, lattice, isovalues);
         let all = forecast::pilots(&question, &forecast::RATIOS, &selected)?;
         let threads = rayon::current_num_threads() as f64;
         let left = (RESERVED * time.as_secs_f64() - start.elapsed().as_secs_f64()).max(0.0);
@@ -284,7 +285,12 @@ impl Bake {
         let probe = open_probe(name, false, None)?;
         let orientation = Orientation::new(volume.up, self.env_rotate)?.in_frame(self.env_frame.into());
         let light = probe.coefficients_in_world(layout.layers.max_bands(), orientation);
-        Ok(Some(ForLight::new(probe.name, self.env_frame.into(), light, self.albedo)))
+        // In the OpenEXR frame it has the bare name, as in stores from before there was another.
+        let name_in_store = match EnvFrame::from(self.env_frame) {
+            EnvFrame::OpenExr => probe.name.clone(),
+            EnvFrame::Gltf => format!("{} in the frame of glTF", probe.name),
+        };
+        Ok(Some(ForLight { name: probe.name, name_in_store, light, albedo: self.albedo }))
     }
 }
 

@@ -14,7 +14,7 @@ use crate::compare::{Comparison, Distance, PhotonComparison, Question, compare, 
 use crate::error::Error;
 use crate::level::Pyramid;
 use crate::probe::Orientation;
-use crate::transfer::store::Store;
+use crate::transfer::store::{EstimatorIdentity, Shadows, Store};
 use crate::transport::Settings;
 use picture::Shown;
 use serde_json::{Value, json};
@@ -112,7 +112,8 @@ impl Compare {
             target: None,
             positive: identity.positive,
         };
-        if identity.estimator != "path" {
+        let is_path = identity.estimator == EstimatorIdentity::Path { shadowing: Shadows::Found };
+        if !is_path {
             console.note("the texels of this estimator cannot be made again: noise, bias and rounding are one row");
         }
         let mut rows = Vec::new();
@@ -132,7 +133,7 @@ impl Compare {
                     volume: &volume,
                     pyramid: &pyramid,
                     texture: &store,
-                    baked_by: (identity.estimator == "path").then_some(&settings),
+                    baked_by: is_path.then_some(&settings),
                     isovalue,
                     points: &points,
                     light: &source,

@@ -41,7 +41,8 @@ impl Completeness {
         if accepted || self.there == self.needed {
             return Ok(());
         }
-        let given = format!("{}, with {} of {} chunks that were asked of it", store.path().display(), self.there, self.needed);
+        let given =
+            format!("{}, with {} of {} chunks that were asked of it", store.path().display(), self.there, self.needed);
         let remedy = "go on with its bake, merge the shares, or show what is there with --partial";
         Err(Error::argument("store", given, "a complete store", remedy).into())
     }

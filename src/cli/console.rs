@@ -4,9 +4,9 @@ pub(super) use super::signals::requests as interrupts;
 use super::{Failure, Outcome, signals, text};
 use crate::transport::Progress;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::cell::{Cell, RefCell};
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Standard output and standard error as the common options ask for them. A pipe that nobody reads any more (`… | head`) is
@@ -15,15 +15,15 @@ pub(super) struct Console {
     json: bool,
     quiet: bool,
     /// The first failure of standard output.
-    failed: RefCell<Option<io::Error>>,
+    failed: Mutex<Option<io::Error>>,
     /// Whether a result for machines was printed.
-    told: Cell<bool>,
+    told: AtomicBool,
     verbose: bool,
 }
 
 impl Console {
     pub(super) fn new(json: bool, quiet: bool) -> Self {
-        Self { json, quiet, verbose: false, failed: RefCell::new(None), told: Cell::new(false) }
+        Self { json, quiet, verbose: false, failed: Mutex::new(None), told: AtomicBool::new(false) }
     }
 
     /// The same with details, if they are wanted.
@@ -65,7 +65,7 @@ impl Console {
     /// Prints the result for machines; nothing without `--json`.
     pub(super) fn print_json(&self, value: &serde_json::Value) {
         if self.json {
-            self.told.set(true);
+            self.told.store(true, Ordering::Relaxed);
             self.keep(writeln!(io::stdout(), "{value:#}"));
         }
     }
@@ -78,7 +78,7 @@ impl Console {
     /// Remembers that standard output failed, for [`Console::finish`].
     pub(super) fn keep(&self, result: io::Result<()>) {
         if let Err(error) = result {
-            self.failed.borrow_mut().get_or_insert(error);
+            self.failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
         }
     }
 
@@ -88,7 +88,7 @@ impl Console {
     /// When standard output took not all of what was printed, other than because its reader has gone.
     pub(super) fn finish(&self) -> Outcome {
         self.keep(io::stdout().flush());
-        match self.failed.take() {
+        match self.failed.lock().unwrap_or_else(PoisonError::into_inner).take() {
             Some(error) if error.kind() != ErrorKind::BrokenPipe => {
                 Err(Failure::Message(format!("cannot write to the output: {error}")))
             }
@@ -106,7 +106,7 @@ impl Console {
     /// Why the command failed; for machines too, unless they have been told a result already.
     pub(super) fn error(&self, failure: &Failure) {
         let _ = writeln!(io::stderr(), "{}", text::fitted(&format!("error: {failure}")));
-        if !self.told.get() {
+        if !self.told.load(Ordering::Relaxed) {
             self.print_json(&serde_json::json!({ "error": failure.to_json() }));
         }
     }

@@ -1,10 +1,11 @@
 //! `isolume demo`: the whole way from a volume to lit surfaces, without any file.
 
-use super::baking::{Job, fill, size_on_disk};
+use super::baking::{Told, fill, size_on_disk};
 use super::console::Console;
 use super::isovalue::Isovalue;
 use super::relight::{Relight, Relit};
 use super::{Cli, Command, Failure, Outcome, text};
+use crate::bake::Request;
 use crate::error::Error;
 use crate::export::png::PngOptions;
 use crate::export::sheet::{SheetStyle, Tile, contact_sheet};
@@ -175,8 +176,8 @@ fn bake(volume: &Volume, store: &Path, seed: u64, console: &Console) -> Outcome<
         .map(|&c| Isovalue::Value(c).resolve(volume, Some(volume.solid), None).map(|c| c.value))
         .collect::<Result<_, _>>()?;
     let effects = Effects::default();
-    let job = Job { isovalues: Some(isovalues), start, ..Job::new(volume, VOLUME_NAME, layout, settings, &effects) };
-    let (_, report) = fill(&job, store, console)?;
+    let job = Request { isovalues: Some(isovalues), ..Request::new(volume, VOLUME_NAME, layout, settings, &effects) };
+    let (_, report) = fill(&job, store, start, console)?;
     let bytes = size_on_disk(store);
     Ok((report.summary_line(bytes), report.json(bytes), start.elapsed().as_secs_f64()))
 }

@@ -7,8 +7,8 @@ use super::{Failure, Outcome, baking, info, input, text};
 use crate::error::{Error, Result};
 use crate::finding::Finding;
 use crate::probe::{self, Layout, ReadOptions};
-use crate::relight::texels_of_isosurface;
 use crate::transfer::store::{self, Holdings, Store};
+use crate::transfer::texels_of_isosurfaces;
 use crate::transfer::{Lattice, Selection};
 use crate::volume::{self, Volume};
 use crate::{level, volume::field};
@@ -191,12 +191,7 @@ fn store_at(argument: &str) -> Result<Diagnosis> {
 }
 
 pub(super) fn selection(lattice: Lattice, volume: &Volume, held: &Holdings) -> Selection {
-    if held.all {
-        return Selection::of_all_isosurfaces(lattice, volume);
-    }
-    let mut selection = Selection::empty(lattice);
-    held.isovalues.iter().for_each(|&c| selection.insert_all(&texels_of_isosurface(volume, lattice, c)));
-    selection
+    texels_of_isosurfaces(volume, lattice, if held.all { None } else { Some(&held.isovalues) })
 }
 
 /// What an argument is: a name first, then a directory, then the first bytes of a file.

@@ -38,6 +38,7 @@ fn parts(error: &Error) -> (&'static str, Value) {
         Error::Argument { name, given, expected, remedy } => {
             ("argument", json!({ "name": name, "given": given, "expected": expected, "remedy": remedy }))
         }
+        Error::Stopped { done, all } => ("stopped", json!({ "done": done, "all": all })),
         Error::Limit { what, needed, limit, remedy } => {
             ("limit", json!({ "what": what, "needed": needed, "limit": limit, "remedy": remedy }))
         }

@@ -1,9 +1,8 @@
 //! What a bake will take and give: a short pilot on the user's own volume, for textures of several resolutions.
 
-use super::baking::{Estimator, spread};
-use super::options::texel_bytes;
 use super::surface::Surface;
 use super::{Outcome, text};
+use crate::bake::{Estimator, bytes_of_texel, spread};
 use crate::error::Error;
 use crate::level::Pyramid;
 use crate::probe::{Orientation, Probe};
@@ -104,7 +103,7 @@ pub(super) fn pilots(
         }
         let texels = selection.len();
         let pilot = Pilot { rays: RAYS, seconds_per_texel, accuracy, texels };
-        all.push(Weighed { ratio, pilot, bytes: texels * texel_bytes(q.layers) });
+        all.push(Weighed { ratio, pilot, bytes: texels * bytes_of_texel(q.layers) });
     }
     Ok(all)
 }

@@ -4,10 +4,10 @@ use super::complete::Completeness;
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::{Chosen, Isovalue};
-use super::{Outcome, baking, input, options, text};
+use super::{Outcome, baking, input, text};
 use crate::error::{Error, Result};
-use crate::relight::texels_of_isosurface;
 use crate::transfer::store::{Holdings, Store};
+use crate::transfer::texels_of_isosurface;
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, Selection};
 use crate::volume::isovalue::overview;
 use crate::volume::{LengthUnit, Series, Solid, Volume, field};
@@ -193,11 +193,11 @@ impl Estimate {
     fn new(volume: &Volume, isovalue: f64) -> Result<Self> {
         let lattice = Lattice::from_ratio(volume.dims(), 1.0)?;
         let layout = Layout { lattice, layers: Layers::uniform(4, 5)? };
-        let texel = options::texel_bytes(&layout.layers);
+        let texel = crate::bake::bytes_of_texel(&layout.layers);
         let data = volume.samples().bytes().len() as u64;
         let bytes = |s: Selection| data + s.bricks().len() as u64 * BRICK_TEXELS as u64 * texel;
         Ok(Self {
-            memory: options::bake_bytes(volume, &layout, 1),
+            memory: crate::bake::bytes_of_bake(volume, &layout, 1),
             all: bytes(Selection::of_all_isosurfaces(lattice, volume)),
             one: bytes(texels_of_isosurface(volume, lattice, isovalue)),
         })

@@ -1,6 +1,6 @@
 //! What a bake computes, as options: shared by `plan`, `bake` and the lazy bake of `relight`.
 
-use super::baking::Estimator;
+use super::baking::EstimatorArg;
 use super::input::Input;
 use super::isovalue::{Chosen, Isovalue};
 use super::memory::{self, Bound};
@@ -9,8 +9,7 @@ use super::text;
 use crate::error::{Error, Result};
 use crate::scene::{EffectSwitch, Effects};
 use crate::sh::MAX_BANDS;
-use crate::transfer::precision::bytes_of_texel;
-use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, MAX_LAYERS, Precision};
+use crate::transfer::{Lattice, Layers, Layout, MAX_LAYERS};
 use crate::transport::{REPLICATES, Settings};
 use crate::volume::{Shadowing, Volume};
 
@@ -57,7 +56,7 @@ pub(super) struct BakeArgs {
     pub(super) isovalues: Vec<Isovalue>,
     /// Estimator of the transfer
     #[arg(long, value_enum, default_value = "path")]
-    pub(super) estimator: Estimator,
+    pub(super) estimator: EstimatorArg,
 }
 
 /// Resolution of a texture as written.
@@ -197,27 +196,6 @@ pub(super) fn in_scene(error: Error, scene: Option<&SceneFile>, isovalue: &Isova
         Some(written) => scene.at_line(written.line, error),
         None => error,
     }
-}
-
-/// Bytes of one texel in a store.
-pub(super) fn texel_bytes(layers: &Layers) -> u64 {
-    bytes_of_texel(layers, Precision::Half) as u64
-}
-
-/// Chunks that a bake holds at a time, and twice that while they are copied into their files.
-const CHUNKS_HELD: u64 = 8;
-
-/// Bytes that a bake needs at most: the volume with its pyramid, the bounds of its blocks and its copy on the way into the store, a
-/// selection for each isosurface and two more, and the chunks in work (written and old).
-pub(super) fn bake_bytes(volume: &Volume, layout: &Layout, isosurfaces: usize) -> u64 {
-    let texels: u64 = layout.lattice.texels().iter().map(|&m| m as u64).product();
-    let samples = volume.samples().len() as u64;
-    let chunk = 64 * BRICK_TEXELS as u64 * texel_bytes(&layout.layers);
-    2 * volume.samples().bytes().len() as u64
-        + samples / 6
-        + samples * 3 / 8
-        + texels / 8 * (isosurfaces as u64 + 2)
-        + 2 * CHUNKS_HELD * chunk
 }
 
 /// Refuses by name what would take more memory than allowed: by the user, else by the system.

@@ -1,6 +1,6 @@
 //! `isolume plan`: what a bake would simulate, and why.
 
-use super::baking::{Job, layout_of_scene, parse_time};
+use super::baking::{self, parse_time};
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::isovalue::Isovalue;
@@ -8,6 +8,7 @@ use super::light::open_probe;
 use super::options::BakeArgs;
 use super::scene::SceneFile;
 use super::{Outcome, forecast, text};
+use crate::bake::{Request, layout_of_scene};
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::scene;
@@ -72,7 +73,7 @@ impl Plan {
         let settings = self.bake.transfer.settings(&layout, seed, false);
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let effects = self.bake.transfer.effects();
-        let mut job = Job::of_options(&opened, scene, &self.bake, isovalues, layout, settings, &effects);
+        let mut job = baking::request(&opened, scene, &self.bake, isovalues, layout, settings, &effects);
         job.hints.albedo = self.albedo.or(job.hints.albedo);
         if let Some(albedo) = self.albedo {
             crate::relight::Material::new([albedo; 3], [0.0; 3])?;
@@ -103,7 +104,7 @@ impl Plan {
     /// Weighs textures and rays by a pilot and prints what they take and give.
     fn forecast(
         &self,
-        job: &Job<'_>,
+        job: &Request<'_>,
         pyramid: &Pyramid,
         of_field: Option<f64>,
         seed: u64,

@@ -15,11 +15,11 @@ use crate::error::Error;
 use crate::export::atomic;
 use crate::level::Pyramid;
 use crate::probe::Orientation;
-use crate::relight::texels_of_isosurface;
 use crate::sampling::statistics::Running;
 use crate::study::figure::{Caption, Kept, Mark, on_front, svg};
 use crate::study::{Measured, References, Setting, Study as Bench};
 use crate::transfer::precision::bytes_of_texel;
+use crate::transfer::texels_of_isosurface;
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, MemoryTexture, Precision, Steps};
 use crate::transport::{Bake, GatherSettings, PhotonBake, Progress, Settings, bake, gather, photon_bake};
 use crate::volume::Volume;
@@ -340,7 +340,7 @@ impl Study {
 /// Most stored bytes that any setting needs for a texel.
 fn most_bytes(all: &[(String, String, Setting)]) -> Outcome<u64> {
     let layers = all.iter().map(|(_, _, s)| Layers::new(s.bands.clone())).collect::<Result<Vec<_>, Error>>()?;
-    Ok(layers.iter().map(super::options::texel_bytes).max().unwrap_or(0))
+    Ok(layers.iter().map(crate::bake::bytes_of_texel).max().unwrap_or(0))
 }
 
 /// Most bands that any setting has.

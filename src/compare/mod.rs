@@ -24,10 +24,11 @@ pub use photon::{PhotonComparison, PhotonQuestion, compare_photons};
 use crate::error::{Error, Result};
 use crate::geom::Direction;
 use crate::level::Pyramid;
-use crate::relight::{Light, LookupReport, Material, contract, texels_of_isosurface};
+use crate::relight::{Light, LookupReport, Material, contract};
 use crate::sampling::{DirectionSample, DirectionalSource};
 use crate::sh::{self, Coefficients};
 use crate::transfer::BrickSource;
+use crate::transfer::texels_of_isosurface;
 use crate::transport::{DirectSettings, Radiance, Settings, SurfacePoint, direct};
 use crate::volume::Volume;
 

@@ -23,12 +23,14 @@
 //! A texel that was not baked holds NaN in all coefficients, one without a usable normal holds 0.
 
 mod group;
+mod isosurface;
 pub mod precision;
 mod selection;
 pub mod store;
 pub mod texture;
 
 pub use group::Group;
+pub use isosurface::{extents_by_chunk, texels_of_isosurface, texels_of_isosurfaces};
 pub use precision::{Precision, Steps};
 pub use selection::Selection;
 pub use texture::MemoryTexture;

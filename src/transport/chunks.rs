@@ -208,9 +208,7 @@ mod tests {
                 Ok(())
             };
             pool(threads)
-                .install(|| {
-                    for_each_chunk(&chunks(64), &progress, &|_| Ok(()), &work, &mut hand_on, &mut |()| {})
-                })
+                .install(|| for_each_chunk(&chunks(64), &progress, &|_| Ok(()), &work, &mut hand_on, &mut |()| {}))
                 .unwrap();
             // The fifth was in work when the flag was set; other threads may have begun one more each.
             match cancel {

@@ -9,10 +9,11 @@ use isolume::export::{ExportMesh, Positions, gltf as glb, ply};
 use isolume::geom::Up;
 use isolume::level::{LevelField, Pyramid};
 use isolume::probe::{LatLong, Orientation, Probe, by_name};
-use isolume::relight::{Exposure, Light, Material, contract, prepare, texels_of_isosurface};
+use isolume::relight::{Exposure, Light, Material, contract, prepare};
 use isolume::sh::certified::bounds;
 use isolume::sh::{Coefficients, Window};
 use isolume::surface::{Mesh, extract, extract_with_normals};
+use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{BrickSource, Layers};
 use isolume::volume::{Sample, Samples, Volume};
 

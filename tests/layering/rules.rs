@@ -22,15 +22,17 @@ pub const LAYERS: &[Layer] = &[
     layer("sh", &[]),
     layer("volume", &["sh"]),
     layer("level", &["sh", "sampling"]),
-    layer("scene", &[]),
+    // Not light, not SH.
+    layer("surface", &["sh", "sampling"]),
+    layer("scene", &["surface"]),
     // Not how the transfer was computed.
     layer("transfer", &["level", "sampling"]),
     // Not files.
     layer("transport", &["transfer::store"]),
+    // Not light.
+    layer("bake", &[]),
     // Of scenes only the encoding of colours.
     layer("probe", &["volume", "level", "scene::plan", "transfer", "transport"]),
-    // Not light, not SH, not transfer.
-    layer("surface", &["sh", "sampling", "scene", "transfer", "transport", "probe"]),
     // Not rays, not solvers.
     layer("relight", &["level", "transport"]),
     layer("render", &["transport"]),

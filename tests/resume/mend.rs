@@ -159,7 +159,8 @@ fn chunks_of_another_store_are_named_and_baked_again() {
     succeeds(bake_volume(VOLUME, &at("a"), &ASKED));
     succeeds(bake_volume("sphere:40", &at("b"), &["--rays", "8"]));
     let expected = files(&at("a"));
-    for part in ["transfer/c/0/0/0/0", "stderr/c/0/0/0/0", "validity/c/0/0/0", "rays/c/0/0/0", "rays/extent/0.0.0.json"] {
+    for part in ["transfer/c/0/0/0/0", "stderr/c/0/0/0/0", "validity/c/0/0/0", "rays/c/0/0/0", "rays/extent/0.0.0.json"]
+    {
         fs::copy(at("b/transfer/sphere/env").join(part), at("a/transfer/bumpbox/env").join(part)).unwrap();
     }
     let a = at("a").display().to_string();
@@ -288,7 +289,8 @@ fn a_store_of_an_older_format_is_read_and_converted() {
     let (old_path, new_path) = (old.display().to_string(), at("new.isolume").display().to_string());
     let light = |store: &str, out: &str| {
         let out = at(out);
-        let arguments = ["relight", store, "--isovalue", "120", "--env", "sunset", "-q", "-o", &out.display().to_string()];
+        let arguments =
+            ["relight", store, "--isovalue", "120", "--env", "sunset", "-q", "-o", &out.display().to_string()];
         let output = run(&arguments);
         assert_eq!(code(&output), 0, "{}", message(&output));
         let bytes = fs::read(out).unwrap();
@@ -338,7 +340,8 @@ fn a_store_that_is_cut_off_under_a_reader_is_an_error() {
         let out = directory.path().join(format!("{delay}-{{isovalue}}.png"));
         let (copied_path, out) = (copied.display().to_string(), out.display().to_string());
         let list = "10%,20%,30%,40%,50%,60%,70%,80%";
-        let child = isolume(&["relight", &copied_path, "--isovalue", list, "--env", "sunset", "-q", "-o", &out]).spawn();
+        let child =
+            isolume(&["relight", &copied_path, "--isovalue", list, "--env", "sunset", "-q", "-o", &out]).spawn();
         std::thread::sleep(std::time::Duration::from_millis(delay));
         for shard in &shards {
             fs::OpenOptions::new().write(true).open(copied.join(shard)).unwrap().set_len(0).unwrap();
@@ -372,7 +375,8 @@ fn a_chunk_reaches_the_disk_before_it_takes_its_name() {
     let place = |what: &dyn Fn(&str) -> bool, from: usize| {
         (from..lines.len()).find(|&i| what(lines[i])).unwrap_or_else(|| panic!("not found after {from} in\n{calls}"))
     };
-    let renamed = |name: &'static str| move |line: &str| line.contains("rename") && line.contains(&format!("/{name}\""));
+    let renamed =
+        |name: &'static str| move |line: &str| line.contains("rename") && line.contains(&format!("/{name}\""));
     let commit = place(&renamed("transfer/c/0/0/0/0"), 0);
     for (array, file) in [("validity", "validity/c/0/0/0"), ("rays", "rays/c/0/0/0"), ("stderr", "stderr/c/0/0/0/0")] {
         // The bytes, the name, the folder; all before the mark of the commit.

@@ -10,10 +10,11 @@
 pub(super) mod command;
 mod evict;
 
-use super::baking::{self, Job, Report};
+use super::baking;
 use super::console::Console;
 use super::output::clean;
 use super::{Failure, Outcome, text};
+use crate::bake::{Report, Request};
 use crate::error::{Error, Result};
 use crate::transfer::store::{FORMAT_VERSION, Store, StoreLock};
 use std::fs::{File, OpenOptions};
@@ -73,17 +74,17 @@ impl Cache {
     }
 
     /// The place of the store of a bake.
-    pub(super) fn place(&self, job: &Job<'_>) -> PathBuf {
+    pub(super) fn place(&self, job: &Request<'_>) -> PathBuf {
         self.stores().join(format!("{}-{}.isolume", clean(&job.volume.name), &job.identity().hash()[..16]))
     }
 
     /// Bakes what is missing into the store at `path`. Where another process fills it, waits for it, with a note.
-    pub(super) fn fill(&self, job: &Job<'_>, path: &Path, console: &Console) -> Outcome<Filled> {
+    pub(super) fn fill(&self, job: &Request<'_>, path: &Path, begun: Instant, console: &Console) -> Outcome<Filled> {
         let in_use = self.use_of(path)?;
         let start = Instant::now();
         loop {
             wait(path, start, console)?;
-            match baking::fill(job, path, console) {
+            match baking::fill(job, path, begun, console) {
                 // Somebody was quicker.
                 Err(Failure::Library(Error::Locked { .. })) if start.elapsed() < LONGEST_WAIT => {}
                 filled => return filled.map(|(store, report)| Filled { store, report, in_use }),

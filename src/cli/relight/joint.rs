@@ -1,7 +1,8 @@
 //! Several volumes that were baked together, lit together: one file or picture holds the surfaces of all.
 
 use super::Relight;
-use crate::cli::baking::{self, Goal, Job, Writing};
+use crate::bake::{Goal, Request, Writing, layout_of_scene};
+use crate::cli::baking::{self, Told};
 use crate::cli::cache::{Cache, InUse};
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, Isovalue, NamedIsovalue};
@@ -260,20 +261,19 @@ pub(super) fn bake(
         };
         let isovalues = command.isovalue.iter().map(|i| Ok(resolve(i)?.value)).collect::<Result<Vec<f64>>>()?;
         let geometry = opened.geometry.as_ref();
-        let layout = baking::layout_of_scene(transfer.layout(volume, &file.bands().unwrap_or(vec![5]))?, geometry);
+        let layout = layout_of_scene(transfer.layout(volume, &file.bands().unwrap_or(vec![5]))?, geometry);
         let settings = transfer.settings(&layout, seed, false);
-        let job = Job {
+        let job = Request {
             goal: Goal { error: transfer.error, ..Goal::default() },
             isovalues: Some(isovalues),
             memory_limit: transfer.memory_limit,
-            start,
             writing: if path.is_none() { Writing::of_cache() } else { Writing::default() },
             geometry,
-            ..Job::new(volume, &opened.label, layout, settings, &effects)
+            ..Request::new(volume, &opened.label, layout, settings, &effects)
         };
-        job.check_memory()?;
+        baking::check(&job)?;
         let path = path.get_or_insert_with(|| cache.place(&job));
-        let filled = cache.fill(&job, path, console)?;
+        let filled = cache.fill(&job, path, start, console)?;
         rays += filled.report.summary.counts.rays;
         cache.tell(&filled.report, Some(&volume.name), path, console);
         if filled.report.chunks_baked > 0 {

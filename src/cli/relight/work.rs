@@ -3,7 +3,8 @@
 use super::file::Context;
 use super::joint::{Companion, Member};
 use super::{Draft, Relight, Relit};
-use crate::cli::baking::{self, Goal, Job, Writing};
+use crate::bake::{Goal, Request, Writing, layout_of_scene};
+use crate::cli::baking::{self, Told};
 use crate::cli::cache::{Cache, Filled, InUse};
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, tell};
@@ -143,18 +144,17 @@ impl<'a> Work<'a> {
     pub(super) fn bake_and_light(&self, label: &str, seed: u64) -> Outcome<Relit> {
         let transfer = &self.command.transfer;
         let bands = self.command.scene.as_ref().and_then(SceneFile::bands).unwrap_or(vec![5]);
-        let layout = baking::layout_of_scene(transfer.layout(self.volume, &bands)?, self.geometry);
+        let layout = layout_of_scene(transfer.layout(self.volume, &bands)?, self.geometry);
         let settings = transfer.settings(&layout, seed, false);
-        let job = Job {
+        let job = Request {
             goal: Goal { error: transfer.error, ..Goal::default() },
             isovalues: Some(self.isovalues.clone()),
             memory_limit: transfer.memory_limit,
-            start: self.start,
             geometry: self.geometry,
             writing: Writing::of_cache(),
-            ..Job::new(self.volume, label, layout, settings, &self.effects)
+            ..Request::new(self.volume, label, layout, settings, &self.effects)
         };
-        job.check_memory()?;
+        baking::check(&job)?;
         let cache = Cache::locate(self.command.cache.as_deref())?;
         cache.prepare()?;
         let mut drafts = Vec::new();
@@ -180,14 +180,14 @@ impl<'a> Work<'a> {
 
     /// The drafts that come before a bake: one of few rays where the bake would take more than a moment, and before
     /// it one of a coarser texture where the isosurfaces need many texels.
-    fn drafts<'j>(&self, job: &Job<'j>, cache: &Cache) -> Outcome<Vec<Job<'j>>> {
+    fn drafts<'j>(&self, job: &Request<'j>, cache: &Cache) -> Outcome<Vec<Request<'j>>> {
         let lattice = job.layout.lattice;
         let missing = job.texels_missing(&cache.place(job))?;
         let paths = missing * u64::from(job.settings.rays);
         if self.command.no_draft || job.settings.rays <= DRAFT_RAYS || paths < DRAFT_FROM_PATHS {
             return Ok(Vec::new());
         }
-        let few_rays = |layout: Layout| Job {
+        let few_rays = |layout: Layout| Request {
             settings: Settings { rays: DRAFT_RAYS, ..job.settings.clone() },
             goal: Goal::default(),
             layout,
@@ -204,9 +204,9 @@ impl<'a> Work<'a> {
         Ok(drafts)
     }
 
-    fn bake(&self, job: &Job<'_>, cache: &Cache, is_draft: bool) -> Outcome<(Source, InUse)> {
+    fn bake(&self, job: &Request<'_>, cache: &Cache, is_draft: bool) -> Outcome<(Source, InUse)> {
         let path = cache.place(job);
-        let Filled { store, report, in_use } = cache.fill(job, &path, self.console)?;
+        let Filled { store, report, in_use } = cache.fill(job, &path, self.start, self.console)?;
         if report.chunks_baked == 0 || !is_draft {
             cache.tell(&report, None, &path, self.console);
         }

@@ -3,7 +3,7 @@
 mod http;
 mod server;
 
-use super::baking::{Goal, Job};
+use super::baking;
 use super::cache::{Cache, Filled, InUse};
 use super::complete::Completeness;
 use super::console::Console;
@@ -15,6 +15,7 @@ use super::light::open_probe;
 use super::options::TransferArgs;
 use super::output::check_file;
 use super::{Outcome, text};
+use crate::bake::{Goal, Request};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::probe::{EMBEDDED, Probe};
@@ -113,16 +114,16 @@ impl View {
         let layout = self.transfer.layout(&opened.volume, &[5])?;
         let settings = self.transfer.settings(&layout, seed, false);
         let effects = self.transfer.effects();
-        let job = Job {
+        let job = Request {
             goal: Goal { error: self.transfer.error, ..Goal::default() },
             memory_limit: self.transfer.memory_limit,
-            ..Job::new(&opened.volume, &opened.label, layout, settings, &effects)
+            ..Request::new(&opened.volume, &opened.label, layout, settings, &effects)
         };
-        job.check_memory()?;
+        baking::check(&job)?;
         let cache = Cache::locate(self.cache.as_deref())?;
         cache.prepare()?;
         let path = cache.place(&job);
-        let Filled { store, report, in_use } = cache.fill(&job, &path, console)?;
+        let Filled { store, report, in_use } = cache.fill(&job, &path, std::time::Instant::now(), console)?;
         cache.tell(&report, None, &path, console);
         cache.evict(console)?;
         Ok((store, Some(in_use)))

@@ -3,6 +3,7 @@
 use super::primitive::{Flat, Primitive, sphere};
 use super::{Geometry, Luminaire, LuminaireShape, TOUCHING};
 use crate::error::{Error, Result};
+use crate::volume::Volume;
 use glam::DVec3;
 use std::f64::consts::PI;
 
@@ -257,8 +258,15 @@ fn cap_height(distance: f64, radius: f64) -> Option<f64> {
 }
 
 impl Geometry {
+    /// Exponents e of 2, one a luminaire, by which its texture is divided so that 16 bits hold any power: 2^e is just above
+    /// its strength, in any channel, of a point at half the diagonal of the volume's box.
+    pub fn exponents(&self, volume: &Volume) -> Vec<i32> {
+        let size = 0.5 * volume.world_bounds().size().length();
+        (0..self.emitters.len()).map(|l| self.exponent(l, size)).collect()
+    }
+
     /// The least e with 2^e above the strength of luminaire `l` (of a point: at a distance `size`), in any channel.
-    pub fn exponent(&self, l: usize, size: f64) -> i32 {
+    fn exponent(&self, l: usize, size: f64) -> i32 {
         let emitter = &self.emitters[l];
         let largest = emitter.strength.into_iter().fold(0.0, f64::max);
         let largest = if let Body::Point { .. } = emitter.body { largest / (size * size) } else { largest };

@@ -186,7 +186,9 @@ impl Backing {
     /// Length of the file of a key.
     pub fn length(&self, key: &str) -> Option<u64> {
         match self {
-            Self::Directory(root) => fs::metadata(root.path.join(key)).ok().filter(fs::Metadata::is_file).map(|m| m.len()),
+            Self::Directory(root) => {
+                fs::metadata(root.path.join(key)).ok().filter(fs::Metadata::is_file).map(|m| m.len())
+            }
             Self::Archive(archive) => archive.entries.get(key).map(|range| range.len() as u64),
         }
     }

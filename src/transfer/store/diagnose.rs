@@ -81,7 +81,9 @@ pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selecti
                 let what = match group.verify_one(index, &Selection::empty(store.layout.lattice))? {
                     ChunkCheck::Sound(_) => continue,
                     ChunkCheck::Damaged(what) => what,
-                    ChunkCheck::Absent => format!("{}: missing", group.path().join(group.shard_key(0, index)).display()),
+                    ChunkCheck::Absent => {
+                        format!("{}: missing", group.path().join(group.shard_key(0, index)).display())
+                    }
                 };
                 damaged += 1;
                 places.push(what);
@@ -215,7 +217,8 @@ fn old_format(store: &Store) -> Option<Finding> {
     let version = store.identity.format_version;
     (version < super::identity::STAMPED_VERSION).then(|| {
         let text = format!("format {version}: a whole chunk of another store would not be noticed in it");
-        let handled = format!("it is read as it is; `isolume merge {} -o NEW.isolume` stamps it", store.path().display());
+        let handled =
+            format!("it is read as it is; `isolume merge {} -o NEW.isolume` stamps it", store.path().display());
         Finding::new("old format", (1, 0, "items"), text, handled)
     })
 }

@@ -182,7 +182,8 @@ mod tests {
         let all = json!({ "isovalues": "all", "rays": 16, "error_target": 0.1 });
         let extent = ChunkExtent::from_first_format(&all).unwrap();
         assert_eq!(extent.claims()[0].target.as_ref().map(|t| t.error), Some(0.1));
-        for damaged in [json!({}), json!({ "isovalues": ["x"], "rays": 1 }), json!({ "isovalues": "all", "rays": -1 })] {
+        for damaged in [json!({}), json!({ "isovalues": ["x"], "rays": 1 }), json!({ "isovalues": "all", "rays": -1 })]
+        {
             assert_eq!(ChunkExtent::from_first_format(&damaged), None);
         }
     }

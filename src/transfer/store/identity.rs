@@ -1,6 +1,7 @@
 //! What a store was baked from and how: the part that must not differ when a bake goes on.
 
 use super::super::{Group, Lattice, Layers, Layout};
+use super::estimator::{self, EstimatorIdentity};
 use super::joint::{CouplingIdentity, coupling_text};
 use super::zarr::{FORMAT, METADATA_REMEDY};
 use crate::error::{Error, Result};
@@ -32,8 +33,9 @@ pub struct Identity {
     pub solid: String,
     /// Bands of each layer.
     pub bands: Vec<usize>,
-    /// Name of the estimator, such as "path".
-    pub estimator: String,
+    /// The estimator, with all of its settings that decide numbers.
+    #[serde(deserialize_with = "estimator::read")]
+    pub estimator: EstimatorIdentity,
     /// Whether the transfer is a sum with positive weights (no control variate).
     pub positive: bool,
     /// Seed of all random numbers.
@@ -59,8 +61,14 @@ pub struct SceneIdentity {
 }
 
 impl Identity {
-    /// The identity of a bake of `volume`.
-    pub fn new(volume: &Volume, layout: &Layout, estimator: impl Into<String>, positive: bool, seed: u64) -> Self {
+    /// The identity of a bake of `volume`; an estimator of another program may be given as text.
+    pub fn new(
+        volume: &Volume,
+        layout: &Layout,
+        estimator: impl Into<EstimatorIdentity>,
+        positive: bool,
+        seed: u64,
+    ) -> Self {
         Self {
             format_version: FORMAT_VERSION,
             volume: volume.content_hash(),
@@ -144,7 +152,7 @@ impl Identity {
                 ("texels", list(&i.texels)),
                 ("solid", i.solid.clone()),
                 ("bands", list(&i.bands)),
-                ("estimator", i.estimator.clone()),
+                ("estimator", i.estimator.to_string()),
                 ("positive", i.positive.to_string()),
                 ("seed", i.seed.to_string()),
                 ("coupling", coupling_text(i)),

@@ -3,8 +3,8 @@
 //! The root names the first volume, which [`Store::open`] opens, and all of them, in the order in which they were added. The
 //! identity of each says which partners it was baked among, and how their isovalues follow its own.
 
-use super::zarr::{self, FORMAT, METADATA_REMEDY};
 use super::metadata::{check_group, node_name, open_root, required_json, root_about, sealed, unsealed};
+use super::zarr::{self, FORMAT, METADATA_REMEDY};
 use super::{Backing, Identity, Store, StoreOptions, volume};
 use crate::error::{Error, Result};
 use crate::volume::Volume;

@@ -200,7 +200,8 @@ fn unproven(backing: &Backing, path: &Path) -> Error {
          and every isosurface that was asked of it is completed",
         path.display()
     );
-    Error::format(FORMAT, found, format!("a store of format {FORMAT_VERSION}"), remedy).in_file(backing.name("zarr.json"))
+    Error::format(FORMAT, found, format!("a store of format {FORMAT_VERSION}"), remedy)
+        .in_file(backing.name("zarr.json"))
 }
 
 /// What is wrong with the metadata of the open store that no reader of ours looks at: the copy in the root.

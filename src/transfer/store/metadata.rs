@@ -84,7 +84,12 @@ pub(super) fn root_about(nodes: &[String]) -> Value {
 }
 
 /// The metadata of all groups and arrays of a volume, with the groups that hold them.
-pub(super) fn nodes_of(volume: &Volume, identity: &Identity, layout: &Layout, provenance: Value) -> Result<Vec<(String, Value)>> {
+pub(super) fn nodes_of(
+    volume: &Volume,
+    identity: &Identity,
+    layout: &Layout,
+    provenance: Value,
+) -> Result<Vec<(String, Value)>> {
     let node = node_name(&volume.name);
     let layers = &layout.layers;
     let layer = |k: usize| {
@@ -243,7 +248,7 @@ pub(super) fn check_chunks(layout: &Layout) -> Result<usize> {
 /// Whether an identity belongs to a volume and to this format.
 pub(super) fn check_volume(volume: &Volume, identity: &Identity) -> Result<()> {
     let layout = identity.layout()?;
-    let here = Identity::new(volume, &layout, &identity.estimator, identity.positive, identity.seed);
+    let here = Identity::new(volume, &layout, identity.estimator.clone(), identity.positive, identity.seed);
     let here = Identity { grid: volume.dims(), scene: identity.scene.clone(), ..here };
     match identity.first_difference(&here) {
         None => Ok(()),

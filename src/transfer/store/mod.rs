@@ -50,6 +50,7 @@ mod archive;
 mod backing;
 mod chunk;
 pub mod diagnose;
+mod estimator;
 mod extent;
 mod holdings;
 mod identity;
@@ -68,6 +69,7 @@ mod zarr;
 mod tests;
 
 pub use diagnose::{Diagnosis, diagnose};
+pub use estimator::{EstimatorIdentity, Shadows, Surroundings};
 pub use extent::{Baked, ChunkExtent, ErrorTarget};
 pub use holdings::Holdings;
 pub use identity::{FORMAT_VERSION, Identity, OLDEST_FORMAT_VERSION, SceneIdentity};
@@ -81,13 +83,13 @@ pub use volume::FRONT_NOT_RECORDED;
 
 use super::{Group, Layout};
 use crate::error::{Error, Result};
-use crate::volume::Volume;
 use crate::staging;
+use crate::volume::Volume;
 use backing::{Backing, Directory};
 use chunk::OpenChunk;
 use metadata::{
-    arrays, check_chunks, check_group, check_provenance, check_version, check_volume, hash_of, open_root, required_json,
-    sealed, unsealed, write_skeleton,
+    arrays, check_chunks, check_group, check_provenance, check_version, check_volume, hash_of, open_root,
+    required_json, sealed, unsealed, write_skeleton,
 };
 use serde_json::{Value, json};
 use std::path::Path;
@@ -385,4 +387,3 @@ pub fn pack_zip(directory: impl AsRef<Path>, out: impl AsRef<Path>) -> Result<()
     Store::open(&directory)?;
     archive::pack(directory.as_ref(), out.as_ref())
 }
-

@@ -155,7 +155,8 @@ mod tests {
         ] {
             assert!(is_owned(own), "{own}");
         }
-        for other in ["notes.txt", "volumes/notes.txt", "transfer/a/env/transfer/c/x", "volumes/a/data/c/0/1", "a/zarr.json"]
+        for other in
+            ["notes.txt", "volumes/notes.txt", "transfer/a/env/transfer/c/x", "volumes/a/data/c/0/1", "a/zarr.json"]
         {
             assert!(!is_owned(other), "{other}");
         }

@@ -41,7 +41,8 @@ pub(super) type Presence = u64;
 pub(super) const FORMAT: &str = "isolume store";
 
 /// What a user does about metadata that cannot be used.
-pub(super) const METADATA_REMEDY: &str = "run the bake that made the store again: it mends what follows from the volume";
+pub(super) const METADATA_REMEDY: &str =
+    "run the bake that made the store again: it mends what follows from the volume";
 
 /// Metadata of a group.
 pub(super) fn group(attributes: Value) -> Value {

@@ -39,8 +39,8 @@ mod tests;
 pub use bias::Bias;
 pub use cache::{CachePrecision, Lookups};
 
-use super::chunks::{BRICKS, most_in_work};
 use super::bake::{Bake, Present, Progress, Sink, run};
+use super::chunks::{BRICKS, most_in_work};
 use super::path::{Scratch, Settings, TexelEstimate, estimate as estimate_path};
 use super::summary::Summary;
 use crate::error::{Error, Result};

@@ -111,13 +111,6 @@ impl SceneBake<'_> {
         }
         Ok(())
     }
-
-    /// Exponents e of 2 by which the textures of the luminaires are divided, so that 16 bits hold any power: 2^e is just
-    /// above the strength of the luminaire at the size of the volume.
-    pub fn exponents(&self) -> Vec<i32> {
-        let size = 0.5 * self.volume.world_bounds().size().length();
-        (0..self.geometry.luminaires().len()).map(|l| self.geometry.exponent(l, size)).collect()
-    }
 }
 
 /// Bakes the selected texels of `chunks` and hands each chunk's bricks to `sink`. `present` gives the bricks that exist;
@@ -270,7 +263,7 @@ struct Writer {
 impl Writer {
     fn new(bake: &SceneBake<'_>) -> Result<Self> {
         let layers = bake.groups().iter().map(|g| Ok(g.layout(bake.layout)?.layers)).collect::<Result<Vec<_>>>()?;
-        let of_luminaires = bake.exponents().into_iter().map(|e| libm::ldexp(1.0, -e));
+        let of_luminaires = bake.geometry.exponents(bake.volume).into_iter().map(|e| libm::ldexp(1.0, -e));
         Ok(Self { layers, factors: [1.0, 1.0].into_iter().chain(of_luminaires).collect() })
     }
 

@@ -106,7 +106,8 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
         _ => LengthUnit::Unknown,
     };
     let dims = dims.map(|d| d as usize);
-    let mut volume = assemble(Parts { format: NAME, dims, data, slope, inter, world_from_grid, unit, series, notes }, hint)?;
+    let mut volume =
+        assemble(Parts { format: NAME, dims, data, slope, inter, world_from_grid, unit, series, notes }, hint)?;
     if anatomical {
         volume.up = Up::Anatomical;
     }

@@ -2,7 +2,8 @@
 
 use isolume::glam::DVec3;
 use isolume::level::Pyramid;
-use isolume::relight::{Light, Material, contract, texels_of_isosurface};
+use isolume::relight::{Light, Material, contract};
+use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{Lattice, Layers, Layout, MemoryTexture};
 use isolume::transport::{Bake, Progress, Settings, bake};
 use isolume::volume::{Samples, Volume};

@@ -64,7 +64,10 @@ fn a_damaged_chunk_is_redone_alone_after_its_file_is_deleted() {
     bytes[100] ^= 1;
     fs::write(&file, bytes).unwrap();
     let message = store.read_chunk([0; 3]).unwrap_err().to_string();
-    assert!(message.contains("rays/c/0/0/0") && message.contains("crc32c") && message.contains("redoes what is damaged"), "{message}");
+    assert!(
+        message.contains("rays/c/0/0/0") && message.contains("crc32c") && message.contains("redoes what is damaged"),
+        "{message}"
+    );
     assert!(store.read_chunk([0, 0, 1]).unwrap().is_some());
     fs::remove_file(path.join("transfer/a_b__/env/transfer/c/0/0/0/0")).unwrap();
     assert!(store.read_chunk([0; 3]).unwrap().is_none());
@@ -77,7 +80,8 @@ fn a_killed_writer_leaves_a_chunk_that_is_baked_again() {
     let directory = tempfile::tempdir().unwrap();
     let (path, store) = filled(directory.path());
     let env = path.join("transfer/a_b__/env");
-    let order = ["rays/extent/0.0.0.json", "validity/c/0/0/0", "rays/c/0/0/0", "stderr/c/0/0/0/0", "transfer/c/0/0/0/0"];
+    let order =
+        ["rays/extent/0.0.0.json", "validity/c/0/0/0", "rays/c/0/0/0", "stderr/c/0/0/0/0", "transfer/c/0/0/0/0"];
     let read = || order.map(|name| fs::read(env.join(name)).unwrap());
     let old = read();
     store.write_chunk([0; 3], bricks([0; 3], 50), &extent(128)).unwrap();

@@ -168,7 +168,9 @@ fn a_damaged_chunk_is_set_aside_and_remembered_until_it_is_there_again() {
     assert!(store.awaited().unwrap().is_empty() && files(&path) == whole);
     // One file of a chunk without the others.
     fs::remove_file(path.join("transfer/a_b__/env/transfer/c/0/0/0/0")).unwrap();
-    assert!(matches!(&store.verify_chunks(&all[..1]).unwrap()[0], ChunkCheck::Damaged(what) if what.contains("missing")));
+    assert!(
+        matches!(&store.verify_chunks(&all[..1]).unwrap()[0], ChunkCheck::Damaged(what) if what.contains("missing"))
+    );
 }
 
 #[test]

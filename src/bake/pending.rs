@@ -1,15 +1,15 @@
-//! What of a bake is still to do: which chunks lack which isosurfaces.
+//! What of a bake is pending: which chunks lack which isosurfaces.
 
-use super::Job;
+use super::Request;
 use crate::error::Result;
-use crate::relight::{extents_by_chunk, texels_of_isosurface};
 use crate::transfer::store::{Baked, Store};
 use crate::transfer::{CHUNK, Selection};
+use crate::transfer::{extents_by_chunk, texels_of_isosurface};
 use std::collections::BTreeMap;
 
 /// Chunks that lack the same and have the same.
 struct Group {
-    /// Indices into [`Todo::wanted`].
+    /// Indices into [`Pending::wanted`].
     missing: Vec<usize>,
     /// Isosurfaces, as keys, whose texels are as good as asked already.
     done: Vec<Key>,
@@ -34,8 +34,8 @@ pub(super) struct Part {
 }
 
 /// What remains to be baked.
-pub(super) struct Todo<'a> {
-    job: &'a Job<'a>,
+pub(super) struct Pending<'a> {
+    job: &'a Request<'a>,
     /// One claim for each isosurface asked for.
     wanted: Vec<Baked>,
     groups: Vec<Group>,
@@ -46,42 +46,44 @@ pub(super) struct Todo<'a> {
     pub(super) missing: usize,
 }
 
-impl<'a> Todo<'a> {
+impl<'a> Pending<'a> {
     /// Compares what is asked with the records of the chunks. With a share only its chunks count.
-    pub(super) fn new(job: &'a Job<'a>, store: &Store, wanted: Vec<Baked>) -> Result<Self> {
-        let mut todo = Self { job, wanted, groups: Vec::new(), selections: BTreeMap::new(), kept: 0, missing: 0 };
+    pub(super) fn new(job: &'a Request<'a>, store: &Store, wanted: Vec<Baked>) -> Result<Self> {
+        let mut pending = Self { job, wanted, groups: Vec::new(), selections: BTreeMap::new(), kept: 0, missing: 0 };
         let [cx, cy, cz] = job.layout.lattice.chunks();
         // Which of the isosurfaces asked for touch each chunk.
         let mut touched: Vec<Vec<usize>> = vec![Vec::new(); cx * cy * cz];
-        for i in 0..todo.wanted.len() {
-            let selection = todo.selection_of(key(todo.wanted[i].isovalue));
+        for i in 0..pending.wanted.len() {
+            let selection = pending.selection_of(key(pending.wanted[i].isovalue));
             let at = |c: usize| [c % cx, c / cx % cy, c / cx / cy];
             let chunks: Vec<usize> = (0..cx * cy * cz).filter(|&c| selection.touches_chunk(at(c))).collect();
             chunks.into_iter().for_each(|c| touched[c].push(i));
         }
         let mut groups: BTreeMap<Need, Vec<[usize; 3]>> = BTreeMap::new();
         for (c, asked) in touched.iter().enumerate().filter(|(_, asked)| !asked.is_empty()) {
-            if job.share.is_some_and(|share| !share.holds(c)) || job.only.as_ref().is_some_and(|only| !only.contains(&c)) {
+            if job.share.is_some_and(|share| !share.holds(c))
+                || job.only.as_ref().is_some_and(|only| !only.contains(&c))
+            {
                 continue;
             }
             let chunk = [c % cx, c / cx % cy, c / cx / cy];
             let extent = store.chunk_extent(chunk)?.unwrap_or_default();
-            let missing: Vec<usize> = asked.iter().copied().filter(|&i| !extent.covers(&todo.wanted[i])).collect();
+            let missing: Vec<usize> = asked.iter().copied().filter(|&i| !extent.covers(&pending.wanted[i])).collect();
             if missing.is_empty() {
-                todo.kept += 1;
+                pending.kept += 1;
                 continue;
             }
-            todo.missing += 1;
+            pending.missing += 1;
             // Without a target a texel's own count of rays tells whether it is as good as asked.
-            let asked = &todo.wanted[missing[0]];
+            let asked = &pending.wanted[missing[0]];
             let as_good = |have: &&Baked| have.covers(&Baked { isovalue: have.isovalue, ..asked.clone() });
             let done = extent.claims().iter().filter(|_| asked.target.is_some()).filter(as_good);
             let done = done.map(|have| key(have.isovalue)).collect();
             groups.entry((missing, done)).or_default().push(chunk);
         }
-        todo.groups = groups.into_iter().map(|((missing, done), chunks)| Group { missing, done, chunks }).collect();
-        todo.sort_by_extent();
-        Ok(todo)
+        pending.groups = groups.into_iter().map(|((missing, done), chunks)| Group { missing, done, chunks }).collect();
+        pending.sort_by_extent();
+        Ok(pending)
     }
 
     /// Chunks in which the surfaces asked for cross the largest extent of isovalues come first, so that a bake that

@@ -1,8 +1,10 @@
 //! Chunks that are damaged: found before a bake, set aside, and baked again with every isosurface that they had.
 
-use super::super::console::{Console, interrupts};
-use super::super::{Outcome, text};
-use super::{Goal, Job, Report, Todo, goal, run};
+use super::observer::Observer;
+use super::pending::Pending;
+use super::run::parts;
+use super::{Goal, Report, Request, goal};
+use crate::error::Result;
 use crate::level::Pyramid;
 use crate::transfer::store::{Baked, ChunkCheck, ChunkExtent, ErrorTarget, Store};
 use crate::transport::Settings;
@@ -13,7 +15,7 @@ const MOST_NAMED: usize = 8;
 
 /// Verifies what the job would keep and sets aside what is damaged; the linear indices of these chunks, and of those that an
 /// earlier run set aside and did not bake again.
-pub(super) fn set_damage_aside(job: &Job<'_>, store: &Store, console: &Console) -> Outcome<BTreeSet<usize>> {
+pub(super) fn set_damage_aside(job: &Request<'_>, store: &Store, observer: &dyn Observer) -> Result<BTreeSet<usize>> {
     let [cx, cy, cz] = job.layout.lattice.chunks();
     let linear = |[x, y, z]: [usize; 3]| x + cx * (y + cy * z);
     let mut candidates: Vec<[usize; 3]> = match job.writing.verify_all {
@@ -30,13 +32,13 @@ pub(super) fn set_damage_aside(job: &Job<'_>, store: &Store, console: &Console) 
         let ChunkCheck::Damaged(what) = found else { continue };
         if damaged.len() < MOST_NAMED {
             let [x, y, z] = chunk;
-            console.note(format!("chunk ({x}, {y}, {z}) is damaged, set aside, and baked again: {what}"));
+            observer.note(&format!("chunk ({x}, {y}, {z}) is damaged, set aside, and baked again: {what}"));
         }
         store.set_aside(chunk)?;
         damaged.insert(linear(chunk));
     }
     if damaged.len() > MOST_NAMED {
-        console.note(format!("{} more damaged chunks are baked again", damaged.len() - MOST_NAMED));
+        observer.note(&format!("{} more damaged chunks are baked again", damaged.len() - MOST_NAMED));
     }
     let awaited = store.awaited()?.into_iter().filter(|c| c.iter().zip([cx, cy, cz]).all(|(&i, n)| i < n)).map(linear);
     damaged.extend(awaited.filter(|&c| job.share.is_none_or(|share| share.holds(c))));
@@ -46,16 +48,16 @@ pub(super) fn set_damage_aside(job: &Job<'_>, store: &Store, console: &Console) 
 /// Bakes into the chunks that were damaged what was asked of the store before and is not asked now, then removes what was
 /// set aside.
 pub(super) fn complete(
-    job: &Job<'_>,
+    job: &Request<'_>,
     pyramid: &Pyramid,
     store: &Store,
     asked: &ChunkExtent,
     damaged: &BTreeSet<usize>,
     quality: Option<&ErrorTarget>,
-    console: &Console,
+    observer: &dyn Observer,
     report: &mut Report,
-) -> Outcome {
-    if damaged.is_empty() || interrupts() > 0 {
+) -> Result<()> {
+    if damaged.is_empty() || observer.wants_stop() {
         return Ok(());
     }
     let now = job.claims(&quality.cloned());
@@ -66,20 +68,20 @@ pub(super) fn complete(
         left = others;
         match job_for(job, &these, damaged, quality) {
             Some(job) => {
-                let found = job.quality(pyramid, store, || job.selection(), job.start, console)?;
-                let mut todo = Todo::new(&job, store, these)?;
+                let found = job.quality(pyramid, store, || job.selection(), observer)?;
+                let mut pending = Pending::new(&job, store, these)?;
                 let before = (report.chunks_baked, report.chunks_kept);
-                if todo.missing > 0 {
+                if pending.missing > 0 {
                     (report.chunks_baked, report.chunks_kept) = (0, 0);
-                    run(&job, pyramid, store, &mut todo, found.target, console, report)?;
+                    parts(&job, pyramid, store, &mut pending, found.target, observer, report)?;
                 }
                 (report.chunks_baked, report.chunks_kept) = before;
             }
             None => {
                 let isovalues: Vec<String> =
-                    these.iter().map(|c| c.isovalue.map_or("all".into(), |v| text::number(v, 6))).collect();
+                    these.iter().map(|c| c.isovalue.map_or("all".into(), |v| v.to_string())).collect();
                 let of = first.target.map_or(String::new(), |t| format!(", {} of {}", t.error, t.of));
-                console.note(format!(
+                observer.note(&format!(
                     "the damaged chunks also held isovalues {}{of}: bake these again with the options they had",
                     isovalues.join(", ")
                 ));
@@ -96,11 +98,11 @@ pub(super) fn complete(
 /// The job that makes some claims of an earlier bake good in the damaged chunks; `None` where it needs a light that is not
 /// at hand.
 fn job_for<'a>(
-    job: &Job<'a>,
+    job: &Request<'a>,
     claims: &[Baked],
     damaged: &BTreeSet<usize>,
     quality: Option<&ErrorTarget>,
-) -> Option<Job<'a>> {
+) -> Option<Request<'a>> {
     let first = claims.first()?;
     let is_escape = first.target.as_ref().is_some_and(|t| t.of == goal::ESCAPE);
     let is_same = first.target.as_ref().zip(quality).is_some_and(|(t, q)| t.of == q.of);
@@ -111,9 +113,9 @@ fn job_for<'a>(
     let goal = Goal {
         error: first.target.as_ref().map(|t| t.error as f32),
         light: if is_escape { None } else { job.goal.light.clone() },
-        time: None,
+        seconds: None,
     };
-    Some(Job {
+    Some(Request {
         isovalues,
         goal,
         settings: Settings { rays: first.rays, ..job.settings.clone() },

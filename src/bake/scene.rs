@@ -1,6 +1,9 @@
 //! Bakes of scenes: the same steps as for a volume alone, with one texture a group.
 
-use super::{Estimator, Job, Part, Report};
+use super::observer::Observer;
+use super::pending::Part;
+use super::request::{PILOT_RAYS, PILOT_TEXELS};
+use super::{Estimator, Report, Request};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::scene;
@@ -11,17 +14,17 @@ use crate::transport::{
     GroupBricks, Progress, SceneBake, SceneSettings, SceneSummary, Settings, bake_scene, needs_photons, pilot_scene,
 };
 use crate::volume::Solid;
-use std::time::{Duration, Instant};
+use std::sync::atomic::Ordering;
 
 /// The layout of a bake: in three channels where something stands around the volume.
-pub(in super::super) fn layout(plain: Layout, geometry: Option<&Geometry>) -> Layout {
+pub fn layout_of_scene(plain: Layout, geometry: Option<&Geometry>) -> Layout {
     match geometry {
         Some(_) => Layout { layers: plain.layers.coloured(), ..plain },
         None => plain,
     }
 }
 
-impl Job<'_> {
+impl Request<'_> {
     pub(super) fn scene_settings(&self, settings: &Settings) -> SceneSettings {
         SceneSettings {
             layers: settings.layers.clone(),
@@ -43,11 +46,10 @@ impl Job<'_> {
 
     /// What a store of this scene is named by.
     pub(super) fn scene_identity(&self, geometry: &Geometry) -> SceneIdentity {
-        let size = 0.5 * self.volume.world_bounds().size().length();
         SceneIdentity {
             fingerprint: geometry.fingerprint().into(),
             luminaires: geometry.luminaires().iter().map(|l| l.name.clone()).collect(),
-            exponents: (0..geometry.luminaires().len()).map(|l| geometry.exponent(l, size)).collect(),
+            exponents: geometry.exponents(self.volume),
             coupling: geometry.among().map(|among| CouplingIdentity {
                 coupling: among.coupling.clone(),
                 name: among.name.clone(),
@@ -64,14 +66,14 @@ impl Job<'_> {
             let expected = "a volume without walls and luminaires";
             Err(Error::argument(name, "a scene that has them", expected, remedy))
         };
-        if self.goal.error.is_some() || self.goal.time.is_some() {
-            return refuse("--error and --time", "give a number of --rays");
+        if self.goal.error.is_some() || self.goal.seconds.is_some() {
+            return refuse("an error or a time", "give a number of rays");
         }
         if self.estimator != Estimator::Path {
-            return refuse("--estimator", "leave it out: scenes are baked by path");
+            return refuse("estimator", "leave it out: scenes are baked by path");
         }
         if self.effects.switched("shadowing").is_some() {
-            return refuse("--effects shadowing", "leave it out: among walls every texel is traced");
+            return refuse("effects", "leave it out: among walls every texel is traced");
         }
         if self.scene_settings(&self.settings).caustics
             && let [first, ..] = needs_photons(geometry).as_slice()
@@ -96,12 +98,12 @@ impl Job<'_> {
     ) -> Result<(scene::Pilot, scene::Surrounded)> {
         let photons = needs_photons(geometry);
         let settings = SceneSettings {
-            rays: super::PILOT_RAYS,
+            rays: PILOT_RAYS,
             // The plan shall say what is wrong, not fail.
             caustics: photons.is_empty(),
             ..self.scene_settings(&self.settings)
         };
-        let trial = pilot_scene(&self.scene_bake(geometry, pyramid, &settings, selection), super::PILOT_TEXELS)?;
+        let trial = pilot_scene(&self.scene_bake(geometry, pyramid, &settings, selection), PILOT_TEXELS)?;
         let s = &trial.summary;
         let mut before = 1.0;
         let escapes = (0..self.layout.layers.len()).map(|k| {
@@ -154,13 +156,14 @@ pub(super) fn bytes_of_groups(layers: &Layers, geometry: &Geometry) -> u64 {
 }
 
 pub(super) fn bake_part(
-    job: &Job<'_>,
+    job: &Request<'_>,
     geometry: &Geometry,
     pyramid: &Pyramid,
     store: &Store,
     settings: &Settings,
     part: &Part,
     progress: &Progress,
+    observer: &dyn Observer,
     report: &mut Report,
 ) -> Result<()> {
     let settings = job.scene_settings(settings);
@@ -175,16 +178,19 @@ pub(super) fn bake_part(
         }
         Ok(Some(all))
     };
-    let (mut write, mut baked) = (Duration::ZERO, 0);
+    let (mut write, mut baked) = (0.0, 0);
     let mut sink = |chunk: [usize; 3], groups: GroupBricks| {
-        let before = Instant::now();
+        let before = observer.seconds();
         let mut extent: ChunkExtent = store.chunk_extent(chunk)?.unwrap_or_default();
         part.claims.iter().for_each(|claim| extent.add(claim.clone()));
         for (store, bricks) in stores.iter().zip(groups).rev() {
             store.write_chunk(chunk, bricks, &extent)?;
         }
-        write += before.elapsed();
+        write += observer.seconds() - before;
         baked += 1;
+        if observer.wants_stop() {
+            progress.stop.store(true, Ordering::Relaxed);
+        }
         Ok(())
     };
     let mut summary = SceneSummary::default();
@@ -194,7 +200,7 @@ pub(super) fn bake_part(
         Some(scene) => scene.add(&summary),
         None => report.scene = Some(summary),
     }
-    report.write += write;
+    report.write_seconds += write;
     report.chunks_baked += baked;
     Ok(())
 }

@@ -1,56 +1,41 @@
 //! Where texels stop: at a standard error that was asked for, or at the one that a given time allows.
 
-use super::super::console::Console;
-use super::super::{Failure, Outcome, text};
-use super::Job;
-use crate::error::Result;
+use super::observer::Observer;
+use super::request::Request;
+use crate::error::{Error, Result};
 use crate::level::Pyramid;
-use crate::probe::EnvFrame;
 use crate::sh::Coefficients;
 use crate::transfer::Selection;
 use crate::transfer::store::{Baked, ErrorTarget, Store};
 use crate::transport::{Bake, Settings, Target, pilot, radiance_weights, trial};
-use serde_json::{Value, json};
-use std::time::{Duration, Instant};
+use serde_json::json;
 
 /// An environment that errors are measured by.
 #[derive(Clone, Debug)]
-pub(in super::super) struct ForLight {
-    pub(super) name: String,
-    pub(super) frame: EnvFrame,
+pub struct ForLight {
+    /// Its name, for messages.
+    pub name: String,
+    /// How it is named in stores: with whatever else tells it from others, such as how it stands.
+    pub name_in_store: String,
     /// Red, green and blue in world axes.
-    pub(super) light: [Coefficients; 3],
-    pub(super) albedo: f32,
+    pub light: [Coefficients; 3],
+    /// Albedo of the surface under it.
+    pub albedo: f32,
 }
 
 /// What the user wants reached.
 #[derive(Clone, Debug, Default)]
-pub(in super::super) struct Goal {
+pub struct Goal {
     /// Standard error of each texel.
-    pub(in super::super) error: Option<f32>,
+    pub error: Option<f32>,
     /// Of what, if not of Σ a_k and a_0.
-    pub(in super::super) light: Option<ForLight>,
-    /// Wall-clock time from the start of the command.
-    pub(in super::super) time: Option<Duration>,
-}
-
-impl ForLight {
-    pub(in super::super) fn new(name: String, frame: EnvFrame, light: [Coefficients; 3], albedo: f32) -> Self {
-        Self { name, frame, light, albedo }
-    }
-
-    /// The environment as it stands in stores. That of the OpenEXR frame has the bare name, as in stores from before
-    /// there was another.
-    fn label(&self) -> String {
-        match self.frame {
-            EnvFrame::OpenExr => self.name.clone(),
-            EnvFrame::Gltf => format!("{} in the frame of glTF", self.name),
-        }
-    }
+    pub light: Option<ForLight>,
+    /// Seconds from the start of the command ([`Observer::seconds`]); trials find the error that they allow.
+    pub seconds: Option<f64>,
 }
 
 /// What `--error` without an environment is a standard error of, as it stands in stores.
-pub(super) const ESCAPE: &str = "sum of a_k, and a_0";
+pub const ESCAPE: &str = "sum of a_k, and a_0";
 /// Texels and rays of the trial that gives the mean radiance under an environment.
 const MEAN_TEXELS: u64 = 4096;
 const MEAN_RAYS: u32 = 64;
@@ -71,14 +56,14 @@ pub(super) struct Quality {
 
 /// Makes targets of one kind for any error.
 struct Kind<'a> {
-    job: &'a Job<'a>,
+    job: &'a Request<'a>,
     of: String,
     /// Weights of the lights over their mean radiance; none for Σ a_k and a_0.
     weights: Option<Vec<Vec<f32>>>,
 }
 
 impl<'a> Kind<'a> {
-    fn new(job: &'a Job<'a>, pyramid: &Pyramid) -> Outcome<Self> {
+    fn new(job: &'a Request<'a>, pyramid: &Pyramid) -> Result<Self> {
         let Some(light) = &job.goal.light else {
             return Ok(Self { job, of: ESCAPE.into(), weights: None });
         };
@@ -94,11 +79,9 @@ impl<'a> Kind<'a> {
         let of_channel = |l: &Vec<f32>| found.mean_of(&radiance_weights(layers, l, light.albedo, 1.0));
         let mean = lights.iter().map(of_channel).sum::<f64>() / 3.0;
         if mean.is_nan() || mean <= 0.0 {
-            return Err(Failure::Message(format!(
-                "{} lights no texel (mean radiance {mean:.3e}): an error relative to it has no meaning; \
-                 give another environment, or leave out --for-env",
-                light.name
-            )));
+            let found = format!("{}, which lights no texel (mean radiance {mean:.3e})", light.name);
+            let remedy = "give another one, or measure errors without an environment";
+            return Err(Error::argument("environment", found, "one that lights the volume", remedy));
         }
         let weights: Vec<Vec<f32>> =
             lights.iter().map(|l| radiance_weights(layers, l, light.albedo, mean as f32)).collect();
@@ -107,7 +90,7 @@ impl<'a> Kind<'a> {
             hash.update(&weight.to_le_bytes());
         }
         let digits = &hash.finalize().to_hex()[..16];
-        let of = format!("radiance over its mean under {}, albedo {} ({digits})", light.label(), light.albedo);
+        let of = format!("radiance over its mean under {}, albedo {} ({digits})", light.name_in_store, light.albedo);
         Ok(Self { job, of, weights: Some(weights) })
     }
 
@@ -134,23 +117,22 @@ fn shortest(error: f32) -> f64 {
     error.to_string().parse().unwrap_or(f64::from(error))
 }
 
-impl Job<'_> {
+impl Request<'_> {
     /// Where texels stop. With a time, trials decide, once: the store keeps the decision.
     pub(super) fn quality(
         &self,
         pyramid: &Pyramid,
         store: &Store,
         everything: impl FnOnce() -> Selection,
-        start: Instant,
-        console: &Console,
-    ) -> Outcome<Quality> {
-        if self.goal.error.is_none() && self.goal.time.is_none() {
+        observer: &dyn Observer,
+    ) -> Result<Quality> {
+        if self.goal.error.is_none() && self.goal.seconds.is_none() {
             return Ok(Quality { target: None, name: None });
         }
         let kind = Kind::new(self, pyramid)?;
         let mut error = self.goal.error;
-        if let Some(time) = self.goal.time {
-            let allowed = self.allocate(&kind, pyramid, store, everything, start, time, console)?;
+        if let Some(seconds) = self.goal.seconds {
+            let allowed = self.allocate(&kind, pyramid, store, everything, seconds, observer)?;
             error = Some(error.map_or(allowed, |error| error.max(allowed)));
         }
         Ok(kind.quality(error.unwrap_or(LARGEST_ERROR as f32)))
@@ -163,29 +145,28 @@ impl Job<'_> {
         pyramid: &Pyramid,
         store: &Store,
         everything: impl FnOnce() -> Selection,
-        start: Instant,
-        time: Duration,
-        console: &Console,
-    ) -> Outcome<f32> {
+        seconds: f64,
+        observer: &dyn Observer,
+    ) -> Result<f32> {
         let isovalues = self.isovalues.as_ref().map_or(json!("all"), |list| json!(list));
         let asked = json!({
-            "seconds": time.as_secs_f64(), "rays": self.settings.rays, "isovalues": isovalues, "error_of": kind.of,
+            "seconds": seconds, "rays": self.settings.rays, "isovalues": isovalues, "error_of": kind.of,
         });
         if let Some(record) = store.record("allocation")?
             && record["asked"] == asked
             && let Some(error) = record["error"].as_f64()
         {
-            console.note(format!("goes on with the standard error {error} that the first run allowed"));
+            observer.note(&format!("goes on with the standard error {error} that the first run allowed"));
             return Ok(error as f32);
         }
         let selection = everything();
-        let error = self.search(kind, pyramid, &selection, start, time)?;
+        let error = self.search(kind, pyramid, &selection, seconds, observer)?;
         let record = json!({ "asked": asked, "error": shortest(error) });
         store.write_record("allocation", &record)?;
-        console.note(format!(
-            "{} allow a standard error of {error} (1 = an unoccluded texel, or the mean radiance); the same store comes \
+        observer.note(&format!(
+            "{} s allow a standard error of {error} (1 = an unoccluded texel, or the mean radiance); the same store comes \
              from --error {error} --rays {}",
-            text::duration(time),
+            seconds,
             self.settings.rays
         ));
         Ok(error)
@@ -197,19 +178,18 @@ impl Job<'_> {
         kind: &Kind<'_>,
         pyramid: &Pyramid,
         selection: &Selection,
-        start: Instant,
-        time: Duration,
-    ) -> Outcome<f32> {
+        seconds: f64,
+        observer: &dyn Observer,
+    ) -> Result<f32> {
         let bricks = selection.bricks();
         let total = selection.len() as f64;
-        let seconds = time.as_secs_f64();
         let measure = |error: f64, count: usize| -> Result<f64> {
             let picked: Vec<[usize; 3]> = spread(&bricks, count);
             let settings = Settings { target: Some(kind.target(error as f32)), ..self.settings.clone() };
             let request = Bake { volume: self.volume, pyramid, layout: &self.layout, settings: &settings, selection };
-            let before = Instant::now();
+            let before = observer.seconds();
             let texels = trial(&request, &picked)?.texels;
-            Ok(before.elapsed().as_secs_f64() / texels.max(1) as f64)
+            Ok((observer.seconds() - before) / texels.max(1) as f64)
         };
         if bricks.is_empty() {
             return Ok(LARGEST_ERROR as f32);
@@ -221,16 +201,16 @@ impl Job<'_> {
         for _ in 0..TRIALS {
             let per_texel = measure(error, count)?;
             seen.push((error, per_texel));
-            let left = (seconds * (1.0 - RESERVE) - start.elapsed().as_secs_f64()).max(1e-3);
+            let left = (seconds * (1.0 - RESERVE) - observer.seconds()).max(1e-3);
             let allowed = left / total;
             let next = next_error(&seen, allowed);
             if per_texel > allowed && error >= LARGEST_ERROR {
-                return Err(Failure::Message(format!(
-                    "{} are not enough: about {} are needed for the least that makes sense, 32 rays a texel; \
-                     give more --time, or lower --texture, or choose --isovalues",
-                    text::duration(time),
-                    text::duration(Duration::from_secs_f64(per_texel * total / (1.0 - RESERVE)))
-                )));
+                return Err(Error::Limit {
+                    what: "the least that makes sense, 32 rays a texel,".into(),
+                    needed: format!("about {:.0} s", (per_texel * total / (1.0 - RESERVE)).ceil()),
+                    limit: format!("{seconds} s"),
+                    remedy: "give more time, a coarser texture, or fewer isovalues".into(),
+                });
             }
             error = next;
             let texels = TRIAL * seconds / allowed.max(per_texel);
@@ -278,61 +258,14 @@ fn two_digits(error: f64) -> f32 {
 }
 
 /// `count` bricks at equal steps.
-pub(in super::super) fn spread(bricks: &[[usize; 3]], count: usize) -> Vec<[usize; 3]> {
+pub(crate) fn spread(bricks: &[[usize; 3]], count: usize) -> Vec<[usize; 3]> {
     let count = count.min(bricks.len());
     (0..count).map(|i| bricks[(2 * i + 1) * bricks.len() / (2 * count)]).collect()
-}
-
-/// Reads a time such as 90s, 2m, 1h30m or a number of seconds.
-pub(in super::super) fn parse_time(text: &str) -> std::result::Result<Duration, String> {
-    let refuse = || "give a time such as 90s, 2m or 1h30m".to_string();
-    let mut seconds = 0.0;
-    let mut rest = text.trim();
-    while !rest.is_empty() {
-        let digits = rest.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(rest.len());
-        let number: f64 = rest[..digits].parse().map_err(|_| refuse())?;
-        let unit: String = rest[digits..].chars().take_while(|c| c.is_ascii_alphabetic()).collect();
-        seconds += number
-            * match unit.as_str() {
-                "" | "s" => 1.0,
-                "m" | "min" => 60.0,
-                "h" => 3600.0,
-                _ => return Err(refuse()),
-            };
-        rest = &rest[digits + unit.len()..];
-    }
-    if seconds > 0.0 && seconds < 1e8 { Ok(Duration::from_secs_f64(seconds)) } else { Err(refuse()) }
-}
-
-/// For the record of a report.
-pub(super) fn of_text(name: Option<&ErrorTarget>) -> String {
-    name.map_or("Σ a_k".into(), |t| if t.of == ESCAPE { "Σ a_k and a_0".into() } else { t.of.clone() })
-}
-
-/// As JSON, for the provenance of reports.
-pub(super) fn goal_json(goal: &Goal) -> Value {
-    json!({
-        "error": goal.error,
-        "for_env": goal.light.as_ref().map(|l| &l.name),
-        "seconds": goal.time.map(|t| t.as_secs_f64()),
-    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn times_as_people_write_them() {
-        let seconds = |t: &str| parse_time(t).map(|d| d.as_secs_f64());
-        assert_eq!(seconds("90s"), Ok(90.0));
-        assert_eq!(seconds("2m"), Ok(120.0));
-        assert_eq!(seconds("1h30m"), Ok(5400.0));
-        assert_eq!(seconds("1.5"), Ok(1.5));
-        for bad in ["", "0", "-3", "3 days", "1e400", "m", "5x", "ä"] {
-            assert!(parse_time(bad).is_err(), "{bad}");
-        }
-    }
 
     #[test]
     fn the_search_finds_the_error_of_a_power_law_with_a_floor() {

@@ -1,0 +1,357 @@
+//! A bake as asked for: what decides the store's numbers, what it takes, and the plan of its effects.
+
+use super::memory::{bytes_of_bake, bytes_of_texel};
+use super::pending::{Pending, texels_in};
+use super::{Goal, goal, scene};
+use crate::error::{Error, Result};
+use crate::level::Pyramid;
+use crate::scene as scenes;
+use crate::scene::Effects;
+use crate::scene::geometry::Geometry;
+use crate::transfer::store::{EstimatorIdentity, Identity, Shadows, Store, Surroundings};
+use crate::transfer::{Lattice, Layout, Selection, texels_of_isosurfaces};
+use crate::transport::{Bake, GatherSettings, PhotonBake, Settings, pilot};
+use crate::volume::{Shadowing, Volume};
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Texels and rays of the trial that the plan rests on.
+pub(super) const PILOT_TEXELS: u64 = 2000;
+pub(super) const PILOT_RAYS: u32 = 16;
+/// Accepted error of what the plan drops, relative to the brightest light.
+const TOLERANCE: f64 = 0.01;
+
+/// How a store is written and what of it is verified.
+#[derive(Clone, Copy, Debug)]
+pub struct Writing {
+    /// Whether writes wait for the disk.
+    pub sync: bool,
+    /// Whether damaged metadata is written anew without proof of whose store it is.
+    pub repair: bool,
+    /// Whether every chunk is verified, not only those that are asked for.
+    pub verify_all: bool,
+}
+
+impl Writing {
+    /// Of stores in the cache folder: they can be made again, their name says whose they are, and a command looks only at
+    /// what it needs of them.
+    pub fn of_cache() -> Self {
+        Self { sync: false, repair: true, verify_all: false }
+    }
+}
+
+impl Default for Writing {
+    fn default() -> Self {
+        Self { sync: true, repair: false, verify_all: true }
+    }
+}
+
+/// A bake as asked for: [`Request::new`] is one of all isosurfaces by path tracing; set what is to be otherwise.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Request<'a> {
+    /// The volume.
+    pub volume: &'a Volume,
+    /// Name of the input without directories, for the record.
+    pub label: &'a str,
+    /// Lattice and layers of the texture; of three channels where something stands around the volume
+    /// ([`super::layout_of_scene`]).
+    pub layout: Layout,
+    /// Layers, rays and seed; without a target, which follows from the goal.
+    pub settings: Settings,
+    /// Where texels stop.
+    pub goal: Goal,
+    /// What estimates the transfer.
+    pub estimator: Estimator,
+    /// In the file's values; `None` for all.
+    pub isovalues: Option<Vec<f64>>,
+    /// Only a part of the chunks.
+    pub share: Option<Share>,
+    /// Most bytes to use; none where there is no limit.
+    pub memory_limit: Option<u64>,
+    /// Effects that were switched on or off by hand.
+    pub effects: &'a Effects,
+    /// What is known of the light to come; it decides nothing but the plan.
+    pub hints: Hints,
+    /// How the store is written.
+    pub writing: Writing,
+    /// Only these chunks, by linear index; all where there is no list.
+    pub(crate) only: Option<BTreeSet<usize>>,
+    /// What stands around the volume; then the layout is coloured.
+    pub geometry: Option<&'a Geometry>,
+}
+
+/// What is known before relighting of what it will ask for; it decides nothing but the plan.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Hints {
+    /// Largest albedo of any channel and isovalue.
+    pub albedo: Option<f32>,
+    /// Largest emission of any channel and isovalue.
+    pub emission: Option<f32>,
+    /// Whether the dominant lamp is lit apart.
+    pub sun_split: Option<bool>,
+    /// Whether the plan is to be shown.
+    pub shown: bool,
+}
+
+/// An estimator of the transfer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Estimator {
+    /// Path tracing within each level set: unbiased
+    #[default]
+    Path,
+    /// The texture as radiance cache: less noise in less time where light bounces often, with a bias that is printed
+    Gather,
+    /// Flattened photon mapping, for study: light spread over the nearest photons, with a bias that no error bar holds
+    Photon,
+}
+
+impl Estimator {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Path => "path",
+            Self::Gather => "gather",
+            Self::Photon => "photon",
+        }
+    }
+}
+
+/// One of several parts into which the chunks of a store are dealt out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Share {
+    /// From 1.
+    pub index: usize,
+    /// How many there are.
+    pub of: usize,
+}
+
+impl Share {
+    /// Whether it holds the chunk with a linear index.
+    pub(super) fn holds(self, chunk: usize) -> bool {
+        chunk % self.of == self.index - 1
+    }
+}
+
+impl<'a> Request<'a> {
+    /// A bake by path tracing of all isosurfaces, without a goal. `label`: the name of the input without directories, for the
+    /// record.
+    pub fn new(volume: &'a Volume, label: &'a str, layout: Layout, settings: Settings, effects: &'a Effects) -> Self {
+        Self {
+            volume,
+            label,
+            layout,
+            settings,
+            goal: Goal::default(),
+            estimator: Estimator::Path,
+            isovalues: None,
+            share: None,
+            memory_limit: None,
+            effects,
+            hints: Hints::default(),
+            writing: Writing::default(),
+            only: None,
+            geometry: None,
+        }
+    }
+}
+
+impl Request<'_> {
+    /// What decides the store's numbers.
+    pub fn identity(&self) -> Identity {
+        let (positive, seed) = (self.settings.positive, self.settings.seed);
+        let identity = Identity::new(self.volume, &self.layout, self.estimator_identity(), positive, seed);
+        Identity { scene: self.geometry.map(|geometry| self.scene_identity(geometry)), ..identity }
+    }
+
+    /// The estimator as it stands in stores.
+    fn estimator_identity(&self) -> EstimatorIdentity {
+        if let Some(geometry) = self.geometry {
+            let alone = geometry.parts() == 0 && geometry.luminaires().is_empty();
+            let among = if alone { Surroundings::Volumes } else { Surroundings::Walls };
+            return EstimatorIdentity::ScenePath { among, caustics: self.effects.switched("caustics") != Some(false) };
+        }
+        let shadowing = match self.volume.shadowing {
+            Shadowing::Ignored => Shadows::Ignored,
+            Shadowing::Traced => Shadows::Traced,
+            Shadowing::Found if self.volume.is_convex() => Shadows::Convex,
+            Shadowing::Found => Shadows::Found,
+        };
+        match self.estimator {
+            Estimator::Path => EstimatorIdentity::Path { shadowing },
+            Estimator::Photon => {
+                EstimatorIdentity::Photon { sent: self.photons().photons, nearest: self.settings.rays, shadowing }
+            }
+            Estimator::Gather => {
+                let how = self.gather_settings();
+                EstimatorIdentity::Gather {
+                    passes: how.passes - 1,
+                    cache_rays: how.cache_rays,
+                    rays: self.settings.rays,
+                    isovalues: self.isovalues.clone(),
+                    shadowing,
+                }
+            }
+        }
+    }
+
+    /// A photon for every 16th ray that `path` would trace: they take memory, and many serve several texels.
+    pub(super) fn photons(&self) -> PhotonBake {
+        let texels: u64 = self.layout.lattice.texels().iter().map(|&m| m as u64).product();
+        let made = PhotonBake::for_texels(texels, self.settings.rays);
+        PhotonBake { memory_limit: self.memory_limit.unwrap_or(made.memory_limit), ..made }
+    }
+
+    pub(super) fn gather_settings(&self) -> GatherSettings {
+        let default = GatherSettings::default();
+        GatherSettings { memory_limit: self.memory_limit.unwrap_or(default.memory_limit), ..default }
+    }
+
+    /// The texels that the isovalues asked for need.
+    pub fn selection(&self) -> Selection {
+        self.selection_on(self.layout.lattice)
+    }
+
+    /// The texels that a texture of another lattice would need.
+    pub fn selection_on(&self, lattice: Lattice) -> Selection {
+        texels_of_isosurfaces(self.volume, lattice, self.isovalues.as_deref())
+    }
+
+    /// Texels that a bake into the store at `path` would have to trace; all that are needed if there is none.
+    ///
+    /// # Errors
+    /// When the store is there and cannot be read; damaged metadata is mended by the bake and no error.
+    pub fn texels_missing(&self, path: &Path) -> Result<u64> {
+        if path.symlink_metadata().is_err() {
+            return Ok(self.selection().len());
+        }
+        let target = self.goal.error.map(goal::escape);
+        let store = match Store::open(path) {
+            Ok(store) => store,
+            // The bake mends it first.
+            Err(Error::Format { .. }) if path.is_dir() => return Ok(self.selection().len()),
+            Err(other) => return Err(other),
+        };
+        let among = self.geometry.and_then(Geometry::among);
+        if among.is_some() && !store.volumes()?.contains(&self.volume.name) {
+            return Ok(self.selection().len());
+        }
+        let store = if among.is_some() { store.of_volume(&self.volume.name)? } else { store };
+        let mut pending = Pending::new(self, &store, self.claims(&target))?;
+        let mut texels = 0;
+        for i in 0..pending.len() {
+            let part = pending.part(i);
+            texels += texels_in(&part.selection, &part.chunks);
+        }
+        Ok(texels)
+    }
+
+    /// Bytes that the bake needs at most, groups and partners of its scene included.
+    pub fn bytes_needed(&self) -> u64 {
+        let needed = bytes_of_bake(self.volume, &self.layout, self.isovalues.as_ref().map_or(1, Vec::len));
+        let groups = self.geometry.map_or(0, |geometry| scene::bytes_of_groups(&self.layout.layers, geometry));
+        // Partners with their pyramids, as the volume itself.
+        let partners = self.geometry.map_or(&[][..], Geometry::partners).iter();
+        let partners: u64 = partners.map(|p| p.volume.samples().bytes().len() as u64 / 4 * 5).sum();
+        // 16 chunks of 32³ texels are held.
+        needed + partners + groups * (16 << 15)
+    }
+
+    /// Refuses what cannot be done, before any work.
+    ///
+    /// # Errors
+    /// When the bake needs more memory than allowed, or asks of its estimator or its scene what they cannot do.
+    pub fn check(&self) -> Result<()> {
+        let needed = self.bytes_needed();
+        if let Some(limit) = self.memory_limit.filter(|&limit| needed > limit) {
+            return Err(Error::Limit {
+                what: format!("the bake of {}", self.label),
+                needed: format!("{needed} bytes"),
+                limit: format!("{limit} bytes"),
+                remedy: "raise it, or use a smaller texture, fewer layers or bands, or fewer isovalues at a time"
+                    .into(),
+            });
+        }
+        if let Some(geometry) = self.geometry {
+            self.check_scene(geometry)?;
+        }
+        if self.estimator != Estimator::Path && (self.goal.error.is_some() || self.goal.seconds.is_some()) {
+            let name = format!("estimator {}", self.estimator.name());
+            let remedy = "leave out the error and the time, or use the estimator path";
+            return Err(Error::argument(name, "a target as well", "a number of rays", remedy));
+        }
+        Ok(())
+    }
+
+    /// The plan of effects, from a trial of a few texels.
+    ///
+    /// # Errors
+    /// Those of the trial: a volume without cells, rays that are no power of two.
+    pub fn plan(&self, pyramid: &Pyramid) -> Result<scenes::Plan> {
+        self.plan_of(pyramid, &self.selection(), self.isovalues.as_deref(), self.settings.rays, self.hints)
+    }
+
+    fn plan_of(
+        &self,
+        pyramid: &Pyramid,
+        selection: &Selection,
+        isovalues: Option<&[f64]>,
+        rays: u32,
+        hints: Hints,
+    ) -> Result<scenes::Plan> {
+        let (volume, layout) = (self.volume, &self.layout);
+        let (pilot, surroundings) = match self.geometry {
+            Some(geometry) => {
+                let (pilot, surrounded) = self.plan_of_scene(geometry, pyramid, selection)?;
+                (pilot, Some(surrounded))
+            }
+            None => (self.pilot_of_volume(pyramid, selection)?, None),
+        };
+        let groups = self.geometry.map_or(0, |geometry| scene::bytes_of_groups(&layout.layers, geometry));
+        Ok(scenes::plan(&scenes::PlanInput {
+            texels: layout.lattice.texels().iter().map(|&m| m as u64).product(),
+            selected: selection.len(),
+            isovalues,
+            rays,
+            bands: layout.layers.bands(),
+            albedo: hints.albedo,
+            emission: hints.emission,
+            convex: volume.is_convex() && self.geometry.is_none(),
+            effects: self.effects,
+            sun_split: hints.sun_split,
+            tolerance: TOLERANCE,
+            bytes_per_texel: bytes_of_texel(&layout.layers) + groups,
+            pilot: &pilot,
+            surroundings: surroundings.as_ref(),
+        }))
+    }
+
+    fn pilot_of_volume(&self, pyramid: &Pyramid, selection: &Selection) -> Result<scenes::Pilot> {
+        let settings = Settings { rays: PILOT_RAYS, target: None, ..self.settings.clone() };
+        let (volume, layout) = (self.volume, &self.layout);
+        let trial = pilot(&Bake { volume, pyramid, layout, settings: &settings, selection }, PILOT_TEXELS)?;
+        Ok(scenes::Pilot {
+            texels: trial.texels,
+            valid: trial.valid,
+            paths: trial.paths,
+            rays: trial.counts.rays,
+            escapes: trial.mean_escapes(),
+            lost_share: trial.lost_share(),
+            open: trial.open,
+        })
+    }
+
+    /// How the store was made. Nothing in it depends on the machine, the threads or the clock, nor on what may grow
+    /// later: isovalues, rays and errors stand with the chunks. So the plan is that of all isosurfaces at 64 rays.
+    pub(super) fn provenance(&self, pyramid: &Pyramid) -> Result<Value> {
+        let selection = Selection::of_all_isosurfaces(self.layout.lattice, self.volume);
+        let plan = self.plan_of(pyramid, &selection, None, 64, Hints::default())?;
+        Ok(json!({
+            "program": concat!("isolume ", env!("CARGO_PKG_VERSION")),
+            "input": self.label,
+            "plan": plan.effects,
+        }))
+    }
+}

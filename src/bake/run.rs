@@ -1,0 +1,196 @@
+//! The bake itself: what is damaged is mended, what is missing is computed and written chunk by chunk.
+
+use super::observer::{Observer, Task};
+use super::pending::{Part, Pending, texels_in};
+use super::report::{GoalRecord, PhotonReport, Report};
+use super::request::{Estimator, Request};
+use super::{repair, scene};
+use crate::error::{Error, Result};
+use crate::level::Pyramid;
+use crate::transfer::store::{ChunkExtent, Store, StoreLock, StoreOptions};
+use crate::transfer::{Brick, Selection};
+use crate::transport::{
+    Bake, PhotonMap, Progress, Settings, Summary, Target, bake, gather, photon_bake_from, photon_bake_map,
+};
+use serde_json::Value;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+
+/// Bakes what is missing or damaged into the store at `path`, which is made if there is none.
+///
+/// # Errors
+/// When the request cannot be done ([`Request::check`]), the store is of something else, is filled by another process or cannot
+/// be mended, or the system refuses; [`Error::Stopped`] when the observer wanted to stop before it was done.
+pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observer) -> Result<(Store, Report)> {
+    let (job, path) = (request, path.as_ref());
+    job.check()?;
+    let pyramid = Pyramid::new(job.volume);
+    let is_joint = job.geometry.is_some_and(|geometry| geometry.among().is_some());
+    let provenance = match StoreOptions::knows(path, job.volume) {
+        true => Value::Null,
+        false => job.provenance(&pyramid)?,
+    };
+    let mut report = Report { albedo: job.hints.albedo, ..Report::default() };
+    if job.hints.shown {
+        let plan = job.plan(&pyramid)?;
+        observer.plan(&plan);
+        report.plan = Some(plan);
+    }
+    let share = job.share.map(|share| (share.index, share.of));
+    // Before the first look at what is there: nobody else mends or replaces it meanwhile.
+    let early = if path.is_dir() { Some(StoreLock::take(path, share)?) } else { None };
+    let options = StoreOptions::default().sync(job.writing.sync).repair(job.writing.repair);
+    let mut store = match is_joint {
+        true => options.open_or_add(path, job.volume, &job.identity(), provenance)?,
+        false => options.open_or_create(path, job.volume, &job.identity(), provenance)?,
+    };
+    {
+        let _lock = match early {
+            Some(lock) => lock,
+            None => StoreLock::take(path, share)?,
+        };
+        store.mended().iter().for_each(|what| observer.note(what));
+        report.mended = store.mended().len();
+        let damaged = repair::set_damage_aside(job, &store, observer)?;
+        let quality = job.quality(&pyramid, &store, || job.selection(), observer)?;
+        let claims = job.claims(&quality.name);
+        let asked = store.asked()?;
+        store.ask(&claims.iter().fold(asked.clone(), |mut all, claim| {
+            all.add(claim.clone());
+            all
+        }))?;
+        let mut pending = Pending::new(job, &store, claims)?;
+        if let Some(share) = job.share {
+            let chunks = pending.kept + pending.missing;
+            observer.note(&format!("share {} of {}: {chunks} chunks", share.index, share.of));
+        }
+        if pending.kept > 0 {
+            observer.note(&format!("{} of {} chunks are there already", pending.kept, pending.kept + pending.missing));
+        }
+        report.prepare_seconds = observer.seconds();
+        (report.chunks_kept, report.rays) = (pending.kept, job.settings.rays);
+        report.target = quality.name.clone();
+        report.goal = GoalRecord::of(&job.goal);
+        report.damaged = damaged.len();
+        observer.begin();
+        parts(job, &pyramid, &store, &mut pending, quality.target, observer, &mut report)?;
+        repair::complete(job, &pyramid, &store, &asked, &damaged, quality.name.as_ref(), observer, &mut report)?;
+    }
+    store.refresh();
+    Ok((store, report))
+}
+
+/// Bakes all parts of what is pending.
+pub(super) fn parts(
+    job: &Request<'_>,
+    pyramid: &Pyramid,
+    store: &Store,
+    pending: &mut Pending<'_>,
+    target: Option<Target>,
+    observer: &dyn Observer,
+    report: &mut Report,
+) -> Result<()> {
+    let settings = Settings { target, ..job.settings.clone() };
+    let (start, write) = (observer.seconds(), report.write_seconds);
+    let map = if pending.len() > 0 { photon_map(job, pyramid, &settings, observer, report)? } else { None };
+    for i in 0..pending.len() {
+        if job.estimator == Estimator::Photon && map.is_none() {
+            break;
+        }
+        let mut part = pending.part(i);
+        let texels = texels_in(&part.selection, &part.chunks);
+        if job.estimator == Estimator::Gather {
+            part.selection = pending.everything();
+        }
+        let progress = Progress::default();
+        let map = map.as_ref();
+        let mut done = Ok(());
+        observer.watch(Task::Texels, texels, &progress, &mut || {
+            done = bake_part(job, pyramid, store, &settings, &part, map, &progress, observer, report);
+        });
+        done?;
+        if observer.wants_stop() {
+            break;
+        }
+    }
+    report.trace_seconds += (observer.seconds() - start - (report.write_seconds - write)).max(0.0);
+    if report.chunks_baked < pending.missing {
+        let (done, all) = (report.chunks_baked + pending.kept, pending.missing + pending.kept);
+        return Err(Error::Stopped { done, all });
+    }
+    Ok(())
+}
+
+/// The map of the estimator `photon`, which all parts read; `None` for others, and when the user does not want to wait for it.
+fn photon_map(
+    job: &Request<'_>,
+    pyramid: &Pyramid,
+    settings: &Settings,
+    observer: &dyn Observer,
+    report: &mut Report,
+) -> Result<Option<PhotonMap>> {
+    if job.estimator != Estimator::Photon || job.geometry.is_some() {
+        return Ok(None);
+    }
+    let (asked, start, progress) = (job.photons(), observer.seconds(), Progress::default());
+    let selection = Selection::empty(job.layout.lattice);
+    let request = Bake { volume: job.volume, pyramid, layout: &job.layout, settings, selection: &selection };
+    let sent = u64::from(asked.photons);
+    let mut made = Ok(None);
+    observer.watch(Task::Photons, sent, &progress, &mut || made = photon_bake_map(&request, &asked, &progress));
+    let made = made?;
+    if let Some(map) = &made {
+        report.summary.counts += map.counts();
+        report.photons = Some(PhotonReport::new(map, observer.seconds() - start));
+    }
+    Ok(made)
+}
+
+fn bake_part(
+    job: &Request<'_>,
+    pyramid: &Pyramid,
+    store: &Store,
+    settings: &Settings,
+    part: &Part,
+    map: Option<&PhotonMap>,
+    progress: &Progress,
+    observer: &dyn Observer,
+    report: &mut Report,
+) -> Result<()> {
+    if let Some(geometry) = job.geometry {
+        return scene::bake_part(job, geometry, pyramid, store, settings, part, progress, observer, report);
+    }
+    let request = Bake { volume: job.volume, pyramid, layout: &job.layout, settings, selection: &part.selection };
+    let present = |chunk: [usize; 3]| Ok(store.read_chunk(chunk)?.map(|(bricks, _)| bricks));
+    let (mut write, mut baked) = (0.0, 0);
+    let mut sink = |chunk: [usize; 3], bricks: Vec<Option<Brick>>| {
+        let before = observer.seconds();
+        let mut extent: ChunkExtent = store.chunk_extent(chunk)?.unwrap_or_default();
+        part.claims.iter().for_each(|claim| extent.add(claim.clone()));
+        store.write_chunk(chunk, bricks, &extent)?;
+        write += observer.seconds() - before;
+        baked += 1;
+        if observer.wants_stop() {
+            progress.stop.store(true, Ordering::Relaxed);
+        }
+        Ok(())
+    };
+    let mut summary = Summary::default();
+    match job.estimator {
+        Estimator::Path | Estimator::Photon => {
+            summary.add(&match map {
+                Some(map) => photon_bake_from(&request, map, &part.chunks, progress, &present, &mut sink)?,
+                None => bake(&request, &part.chunks, progress, &present, &mut sink)?,
+            });
+        }
+        Estimator::Gather => {
+            let gathered = gather(&request, &job.gather_settings(), &part.chunks, progress, &present, &mut sink)?;
+            summary.add(&gathered.summary);
+            report.bias = Some(gathered.bias);
+        }
+    }
+    report.summary.add(&summary);
+    report.write_seconds += write;
+    report.chunks_baked += baked;
+    Ok(())
+}

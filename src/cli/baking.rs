@@ -1,0 +1,519 @@
+//! A bake from the command line: the library's request from options, a console that watches it, and what it tells.
+
+use super::console::{Console, interrupts};
+use super::input::Input;
+use super::options::{self, BakeArgs};
+use super::scene::SceneFile;
+use super::{Outcome, plan, signals, text};
+use crate::bake::{self, ESCAPE, Estimator, Goal, Hints, Observer, PhotonReport, Report, Request, Share, Task};
+use crate::error::Result;
+use crate::scene::{Effects, Plan};
+use crate::transfer::Layout;
+use crate::transfer::store::{ErrorTarget, Store};
+use crate::transport::{Bias, MOST_SPECULAR, MOST_TURNS, Progress, Settings};
+use serde_json::{Value, json};
+use std::path::Path;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+/// Share of paths cut among mirrors and glass from which on the user is warned.
+const MOST_CUT: f64 = 1e-3;
+
+/// What a finished bake tells of itself.
+pub(super) trait Told {
+    /// In a line.
+    fn summary_line(&self, store_bytes: u64) -> String;
+    /// As lines for people.
+    fn lines(&self, store_bytes: u64) -> String;
+    /// What of the light is missing because paths were cut among mirrors and glass, where it is more than a trifle.
+    fn warning(&self) -> Option<String>;
+    /// For machines.
+    fn json(&self, store_bytes: u64) -> Value;
+}
+
+impl Told for Report {
+    fn summary_line(&self, store_bytes: u64) -> String {
+        let s = &self.summary;
+        if self.chunks_baked == 0 {
+            return format!("nothing to bake, all {} chunks are there", self.chunks_kept);
+        }
+        let noise = s.escape_stderr_rms();
+        let noise = if noise > 0.0 { format!("; noise {} RMS", text::number(noise, 2)) } else { String::new() };
+        format!(
+            "{} texels, {}rays in {}, {}{noise}",
+            text::count(s.texels),
+            text::metric(s.counts.rays as f64),
+            seconds(self.trace_seconds),
+            text::bytes(store_bytes as f64),
+        )
+    }
+
+    fn lines(&self, store_bytes: u64) -> String {
+        let s = &self.summary;
+        if self.chunks_baked == 0 {
+            let mended = match self.mended {
+                0 => String::new(),
+                n => format!("; {n} damaged files of metadata and samples were written anew"),
+            };
+            return format!("nothing to bake: all {} chunks are there{mended}", self.chunks_kept);
+        }
+        let escapes: Vec<String> = s.mean_escapes().iter().map(|a| format!("{a:.4}")).collect();
+        let valid = s.valid as f64 / s.texels.max(1) as f64;
+        let clamped = s.clamped as f64 / s.valid.max(1) as f64;
+        let rows = [
+            (
+                "texels",
+                format!(
+                    "{} asked, {} valid ({}), {} clamped ({})",
+                    text::count(s.texels),
+                    text::count(s.valid),
+                    text::percent(valid),
+                    text::count(s.clamped),
+                    text::percent(clamped)
+                ),
+            ),
+            (
+                "rays",
+                format!(
+                    "{} in {}, {}; {} paths a texel",
+                    text::metric(s.counts.rays as f64).trim_end(),
+                    seconds(self.trace_seconds),
+                    text::rate(s.counts.rays as f64, duration(self.trace_seconds)),
+                    text::number(s.paths as f64 / s.valid.max(1) as f64, 4)
+                ),
+            ),
+            ("effects", effects_line(self)),
+            ("bound", bound_line(self)),
+            (
+                "paths",
+                format!(
+                    "{}: {} lost in the solid, {} still travelling after the last layer",
+                    text::metric(s.paths as f64).trim_end(),
+                    text::percent(s.lost_share()),
+                    text::percent(s.trapped as f64 / s.paths.max(1) as f64)
+                ),
+            ),
+            ("mean a_k", format!("{}  (chance to escape after exactly k bounces)", escapes.join("  "))),
+            (
+                "noise",
+                format!(
+                    "standard error of {}: 50 % of texels ≤ {:.4}, 95 % ≤ {:.4}, all ≤ {:.4}; RMS of Σ a_k {:.4}",
+                    of_text(self.target.as_ref()),
+                    s.errors.quantile(0.5),
+                    s.errors.quantile(0.95),
+                    s.errors.quantile(1.0),
+                    s.escape_stderr_rms()
+                ),
+            ),
+            (
+                "time",
+                format!(
+                    "prepare {}, trace {}, write {}",
+                    seconds(self.prepare_seconds),
+                    seconds(self.trace_seconds),
+                    seconds(self.write_seconds)
+                ),
+            ),
+            (
+                "store",
+                format!(
+                    "{} chunks written, {} kept, {}",
+                    self.chunks_baked,
+                    self.chunks_kept,
+                    text::bytes(store_bytes as f64)
+                ),
+            ),
+        ];
+        let mut rows: Vec<_> = rows.into_iter().map(|(name, value)| vec![name.to_string(), value]).collect();
+        if let Some(bias) = &self.bias {
+            rows.insert(7, vec!["bias".into(), bias_line(bias)]);
+        }
+        if let Some(photons) = &self.photons {
+            rows.insert(1, vec!["photons".into(), photons_line(photons)]);
+        }
+        // Among walls the chances are not those of the volume alone.
+        rows.retain(|row| self.scene.is_none() || row[0] != "mean a_k");
+        // Where no path reaches the environment there is no noise of it.
+        rows.retain(|row| s.errors.quantile(1.0) > 0.0 || row[0] != "noise");
+        text::table(&rows)
+    }
+
+    fn warning(&self) -> Option<String> {
+        let counts = &self.scene.as_ref()?.counts;
+        let share = (counts.lost_specular + counts.lost_turns) as f64 / self.summary.paths.max(1) as f64;
+        (share > MOST_CUT).then(|| {
+            format!(
+                "{} of the paths were cut, {} after {MOST_SPECULAR} mirrors and glass in a row, {} after {MOST_TURNS} turns: \
+                 their light is missing; open the mirrors to the light, or lower their share",
+                text::percent(share),
+                text::count(counts.lost_specular),
+                text::count(counts.lost_turns)
+            )
+        })
+    }
+
+    fn json(&self, store_bytes: u64) -> Value {
+        let s = &self.summary;
+        json!({
+            "texels": { "asked": s.texels, "valid": s.valid, "clamped": s.clamped, "degenerate": s.degenerate },
+            "rays": s.counts.rays,
+            "effects": effects_json(self),
+            "plan": self.plan.as_ref().map(|plan| &plan.effects),
+            "rays_per_texel": self.rays,
+            "bound": bound_json(self),
+            "error_target": self.target.as_ref().map(|t| t.error),
+            "goal": self.goal,
+            "counts": { "nodes": s.counts.nodes, "cells": s.counts.cells, "solves": s.counts.solves },
+            "paths": s.paths,
+            "lost_share": s.lost_share(),
+            "trapped_share": s.trapped as f64 / s.paths.max(1) as f64,
+            "mean_escapes": s.mean_escapes(),
+            "escape_stderr": {
+                "p50": s.errors.quantile(0.5),
+                "p95": s.errors.quantile(0.95),
+                "p100": s.errors.quantile(1.0),
+                "of": of_text(self.target.as_ref()),
+                "rms": s.escape_stderr_rms(),
+            },
+            "seconds": {
+                "prepare": self.prepare_seconds,
+                "trace": self.trace_seconds,
+                "write": self.write_seconds,
+            },
+            "mrays_per_second": s.counts.rays as f64 / self.trace_seconds.max(1e-9) / 1e6,
+            "chunks": { "baked": self.chunks_baked, "kept": self.chunks_kept, "damaged": self.damaged },
+            "mended_files": self.mended,
+            "bias": self.bias.as_ref().map(bias_json),
+            "photons": self.photons.as_ref().map(photons_json),
+            "store_bytes": store_bytes,
+        })
+    }
+}
+
+/// The albedo that the bound is stated for.
+fn albedo(report: &Report) -> f64 {
+    f64::from(report.albedo.unwrap_or(0.7))
+}
+
+/// What layers beyond the stored ones can add, known now.
+fn bound_line(report: &Report) -> String {
+    let albedo = albedo(report);
+    let (bound, error) = match &report.scene {
+        Some(scene) => (scene.bound(albedo), String::new()),
+        None => {
+            let (bound, error) = report.summary.bound(albedo);
+            (bound, format!(" ± {}", text::percent(error)))
+        }
+    };
+    format!(
+        "at albedo {albedo:.2} layers beyond the stored ones add at most {}{error} of the brightest light, in the mean; \
+         the tail puts an estimate of it in",
+        text::percent(bound)
+    )
+}
+
+fn bound_json(report: &Report) -> Value {
+    let albedo = albedo(report);
+    let (bound, error) = match &report.scene {
+        Some(scene) => (scene.bound(albedo), None),
+        None => (report.summary.bound(albedo).0, Some(report.summary.bound(albedo).1)),
+    };
+    json!({ "albedo": albedo, "bound": bound, "stderr": error })
+}
+
+/// First rays of all paths, and the rays that came after: bounces, and with `gather` what fills and checks its cache.
+fn rays_by_effect(report: &Report) -> [u64; 2] {
+    let s = &report.summary;
+    match &report.scene {
+        Some(scene) => [s.paths, scene.counts.path_rays.saturating_sub(s.paths + scene.counts.wall_rays_started())],
+        None => [s.paths, s.counts.rays.saturating_sub(s.paths)],
+    }
+}
+
+fn effects_line(report: &Report) -> String {
+    let [first, later] = rays_by_effect(report).map(|n| text::metric(n as f64));
+    let s = &report.summary;
+    if let Some(scene) = &report.scene {
+        let [walls, lights] =
+            [scene.counts.wall_rays_started(), scene.counts.light_rays].map(|n| text::metric(n as f64));
+        let c = &scene.counts;
+        let partners = match c.partner_rays + c.buried {
+            0 => String::new(),
+            _ => format!(
+                "other volumes {}rays and {}meetings, {} texels inside them; ",
+                text::metric(c.partner_rays as f64),
+                text::metric(c.partner_hits as f64),
+                text::count(c.buried)
+            ),
+        };
+        let among_mirrors = match c.lost_specular + c.lost_turns {
+            0 => String::new(),
+            lost => format!(", {} were cut among mirrors and glass", text::count(lost)),
+        };
+        return format!(
+            "shadowing {first}rays, interreflection {later}rays, walls {walls}rays, luminaires {lights}rays; {partners}{} \
+             paths ended on a cut through the solid{among_mirrors}",
+            text::count(c.cut)
+        );
+    }
+    let open = s.open as f64 / s.valid.max(1) as f64;
+    format!(
+        "shadowing {}rays, interreflection {}rays; {} texels cannot be shaded ({}): closed form, no rays",
+        first,
+        later,
+        text::count(s.open),
+        text::percent(open)
+    )
+}
+
+/// Work by effect. What is off has counters all the same: they are 0.
+fn effects_json(report: &Report) -> Value {
+    let [first, later] = rays_by_effect(report);
+    let s = &report.summary;
+    // Where texels stop at an error, nobody knows how many they would have got.
+    let counts = report.scene.as_ref().map(|scene| scene.counts).unwrap_or_default();
+    let saved = report.target.is_none().then(|| s.open * u64::from(report.rays));
+    json!({
+        "shadowing": { "rays": first, "open_texels": s.open, "first_rays_saved": saved },
+        "interreflection": { "rays": later },
+        "emission": { "rays": 0 },
+        "walls": { "rays": counts.wall_rays_started(), "hits": counts.wall_hits, "tests": counts.wall_rays },
+        "coupling": {
+            "rays": counts.partner_rays, "hits": counts.partner_hits, "buried_texels": counts.buried,
+        },
+        "luminaires": { "rays": counts.light_rays, "hits": counts.luminaire_hits },
+        "caustics": {
+            "photons": 0, "specular_hits": counts.specular_hits,
+            "lost_specular": counts.lost_specular, "lost_turns": counts.lost_turns,
+        },
+        "media": { "rays": 0 },
+        "sun-split": { "rays": 0 },
+    })
+}
+
+/// What is known of the bias of `gather`.
+fn bias_line(b: &Bias) -> String {
+    if b.texels == 0 {
+        return "none: without a cache gather is path".into();
+    }
+    let relative = |figure: f64| text::percent(b.relative(figure));
+    format!(
+        "radiance under constant light, albedo 0.7, against path in {} texels: mean {:+.3} ± {:.3} %, RMS over texels {} \
+         (95 %: at most {})",
+        text::count(b.texels),
+        100.0 * b.relative(b.mean),
+        100.0 * b.relative(b.mean_stderr),
+        relative(b.rms()),
+        relative(b.rms_at_most()),
+    )
+}
+
+fn bias_json(b: &Bias) -> Value {
+    json!({
+        "texels": b.texels,
+        "mean": b.relative(b.mean),
+        "mean_stderr": b.relative(b.mean_stderr),
+        "rms": b.relative(b.rms()),
+        "rms_at_most": b.relative(b.rms_at_most()),
+    })
+}
+
+fn photons_line(photons: &PhotonReport) -> String {
+    format!(
+        "{} sent out in {}, {} hits kept in {}",
+        text::count(photons.sent),
+        seconds(photons.seconds),
+        text::count(photons.hits),
+        text::bytes(photons.bytes as f64)
+    )
+}
+
+fn photons_json(photons: &PhotonReport) -> Value {
+    json!({
+        "sent": photons.sent, "hits": photons.hits, "bytes": photons.bytes, "energy_imbalance": photons.imbalance,
+        "seconds": photons.seconds,
+    })
+}
+
+/// What the standard errors of a report are of.
+fn of_text(target: Option<&ErrorTarget>) -> String {
+    target.map_or("Σ a_k".into(), |t| if t.of == ESCAPE { "Σ a_k and a_0".into() } else { t.of.clone() })
+}
+
+fn duration(seconds: f64) -> Duration {
+    Duration::from_secs_f64(seconds.max(0.0))
+}
+
+fn seconds(seconds: f64) -> String {
+    text::duration(duration(seconds))
+}
+
+/// What estimates the transfer, as an option.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum EstimatorArg {
+    /// Path tracing within each level set: unbiased
+    #[default]
+    Path,
+    /// The texture as radiance cache: less noise in less time where light bounces often, with a bias that is printed
+    Gather,
+    /// Flattened photon mapping, for study: light spread over the nearest photons, with a bias that no error bar holds
+    Photon,
+}
+
+impl From<EstimatorArg> for Estimator {
+    fn from(argument: EstimatorArg) -> Self {
+        match argument {
+            EstimatorArg::Path => Self::Path,
+            EstimatorArg::Gather => Self::Gather,
+            EstimatorArg::Photon => Self::Photon,
+        }
+    }
+}
+
+/// What the options of `bake` and `plan` ask for.
+pub(super) fn request<'a>(
+    opened: &'a Input,
+    scene: Option<&SceneFile>,
+    options: &BakeArgs,
+    isovalues: Option<Vec<f64>>,
+    layout: Layout,
+    settings: Settings,
+    effects: &'a Effects,
+) -> Request<'a> {
+    let volume = &opened.volume;
+    Request {
+        goal: Goal { error: options.transfer.error, ..Goal::default() },
+        estimator: options.estimator.into(),
+        hints: hints(scene, volume.value_range(), isovalues.as_deref()),
+        isovalues,
+        memory_limit: options.transfer.memory_limit,
+        geometry: opened.geometry.as_ref(),
+        ..Request::new(volume, &opened.label, layout, settings, effects)
+    }
+}
+
+/// What a scene says of the light to come, of some isovalues or of all.
+fn hints(scene: Option<&SceneFile>, range: (f64, f64), isovalues: Option<&[f64]>) -> Hints {
+    let Some(file) = scene else { return Hints::default() };
+    let scene = &file.scene;
+    Hints {
+        albedo: scene.albedo.as_ref().map(|albedo| albedo.rule(range).largest_albedo(isovalues)),
+        emission: Some(scene.emission.as_ref().map_or(0.0, |emission| emission.largest(isovalues))),
+        sun_split: scene.probe.as_ref().map(|probe| probe.sun_split == Some(true)),
+        shown: false,
+    }
+}
+
+/// Refuses what does not fit into the memory that the user or the system allows, and what cannot be done.
+pub(super) fn check(request: &Request<'_>) -> Result<()> {
+    let what = format!("the bake of {}", request.label);
+    options::check_memory(&what, request.bytes_needed(), request.memory_limit)?;
+    request.check()
+}
+
+/// Bakes what is missing or damaged into the store at `path`, while the console shows how far it is. `start`: when the
+/// command began.
+pub(super) fn fill(request: &Request<'_>, path: &Path, start: Instant, console: &Console) -> Outcome<(Store, Report)> {
+    check(request)?;
+    let limit = request.memory_limit.unwrap_or_else(options::default_memory_limit);
+    let request = Request { memory_limit: Some(limit), ..request.clone() };
+    let (store, report) = bake::run(&request, path, &Watcher { console, start, guard: Mutex::new(None) })?;
+    report.warning().iter().for_each(|warning| console.note(warning));
+    Ok((store, report))
+}
+
+/// The console as the observer of a bake.
+struct Watcher<'a> {
+    console: &'a Console,
+    start: Instant,
+    guard: Mutex<Option<signals::Guard>>,
+}
+
+impl Observer for Watcher<'_> {
+    fn note(&self, text: &str) {
+        self.console.note(text);
+    }
+
+    fn plan(&self, plan: &Plan) {
+        self.console.print(plan::table(plan));
+    }
+
+    fn seconds(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
+    }
+
+    fn begin(&self) {
+        if let Ok(mut guard) = self.guard.lock() {
+            *guard = Some(self.console.guard());
+        }
+    }
+
+    fn wants_stop(&self) -> bool {
+        interrupts() > 0
+    }
+
+    fn watch(&self, task: Task, items: u64, progress: &Progress, work: &mut dyn FnMut()) {
+        match task {
+            // A request to stop loses nothing of photons but the time they took: the first one ends them.
+            Task::Photons => self.console.watch_first("photons", items, progress, work),
+            _ => self.console.watch("bake", items, progress, work),
+        }
+    }
+}
+
+/// Reads a share such as 1/3.
+pub(super) fn parse_share(text: &str) -> std::result::Result<Share, String> {
+    let numbers = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+    match numbers {
+        Some((index, of)) if 1 <= index && index <= of && of <= 4096 => Ok(Share { index, of }),
+        _ => Err("give i/n with i from 1 to n, such as 1/3, and n at most 4096".into()),
+    }
+}
+
+/// Reads a time such as 90s, 2m, 1h30m or a number of seconds.
+pub(super) fn parse_time(text: &str) -> std::result::Result<Duration, String> {
+    let refuse = || "give a time such as 90s, 2m or 1h30m".to_string();
+    let mut seconds = 0.0;
+    let mut rest = text.trim();
+    while !rest.is_empty() {
+        let digits = rest.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(rest.len());
+        let number: f64 = rest[..digits].parse().map_err(|_| refuse())?;
+        let unit: String = rest[digits..].chars().take_while(|c| c.is_ascii_alphabetic()).collect();
+        seconds += number
+            * match unit.as_str() {
+                "" | "s" => 1.0,
+                "m" | "min" => 60.0,
+                "h" => 3600.0,
+                _ => return Err(refuse()),
+            };
+        rest = &rest[digits + unit.len()..];
+    }
+    if seconds > 0.0 && seconds < 1e8 { Ok(Duration::from_secs_f64(seconds)) } else { Err(refuse()) }
+}
+
+/// Bytes of all files under a path.
+pub(super) fn size_on_disk(path: &Path) -> u64 {
+    let Ok(metadata) = path.symlink_metadata() else { return 0 };
+    if !metadata.is_dir() {
+        return metadata.len();
+    }
+    let entries = std::fs::read_dir(path).map(|e| e.flatten().collect::<Vec<_>>()).unwrap_or_default();
+    entries.iter().map(|e| size_on_disk(&e.path())).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_as_people_write_them() {
+        let seconds = |t: &str| parse_time(t).map(|d| d.as_secs_f64());
+        assert_eq!(seconds("90s"), Ok(90.0));
+        assert_eq!(seconds("2m"), Ok(120.0));
+        assert_eq!(seconds("1h30m"), Ok(5400.0));
+        assert_eq!(seconds("1.5"), Ok(1.5));
+        for bad in ["", "0", "-3", "3 days", "1e400", "m", "5x", "ä"] {
+            assert!(parse_time(bad).is_err(), "{bad}");
+        }
+    }
+}

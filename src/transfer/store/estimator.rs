@@ -1,0 +1,220 @@
+//! Which estimator filled a store, as part of its identity. Stores of the formats 1 and 2 hold a sentence instead, which is
+//! read here; [`std::fmt::Display`] gives that sentence for people.
+
+use serde::{Deserialize, Deserializer, Serialize};
+use std::fmt;
+
+/// An estimator and all of its settings that decide numbers, rays and seed apart.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "name", rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
+pub enum EstimatorIdentity {
+    /// Path tracing within each level set.
+    Path {
+        /// What is known of shadows.
+        shadowing: Shadows,
+    },
+    /// Path tracing among walls and luminaires, or among the level sets of other volumes.
+    ScenePath {
+        /// What stands around.
+        among: Surroundings,
+        /// Whether paths from luminaires through mirrors and glass count.
+        caustics: bool,
+    },
+    /// The texture as radiance cache. Texels depend on their neighbours, so which isosurfaces are baked together counts.
+    Gather {
+        /// Passes that fill the cache.
+        passes: u32,
+        /// Rays a texel in each.
+        cache_rays: u32,
+        /// Rays a texel of the final gather.
+        rays: u32,
+        /// In the file's values; none for all.
+        isovalues: Option<Vec<f64>>,
+        /// What is known of shadows.
+        shadowing: Shadows,
+    },
+    /// Flattened photon mapping.
+    Photon {
+        /// Photons sent out.
+        sent: u32,
+        /// Photons that a texel looks up.
+        nearest: u32,
+        /// What is known of shadows.
+        shadowing: Shadows,
+    },
+    /// An estimator of another program that uses the library, by its name.
+    Custom {
+        /// What tells it from others, with its settings.
+        text: String,
+    },
+}
+
+/// What is known of shadows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shadows {
+    /// Texels that nothing can shade are found, and get the closed form.
+    #[default]
+    Found,
+    /// No shadows: every texel gets the closed form.
+    Ignored,
+    /// Every texel is traced.
+    Traced,
+    /// The volume declares its solids convex.
+    Convex,
+}
+
+/// What paths meet besides the level set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Surroundings {
+    /// Walls or luminaires.
+    Walls,
+    /// Level sets of other volumes alone.
+    Volumes,
+}
+
+impl Shadows {
+    const ALL: [Self; 4] = [Self::Found, Self::Ignored, Self::Traced, Self::Convex];
+
+    /// How the sentence ends.
+    fn ending(self) -> &'static str {
+        match self {
+            Self::Found => "",
+            Self::Ignored => "; shadowing ignored",
+            Self::Traced => "; every texel traced",
+            Self::Convex => "; solids declared convex",
+        }
+    }
+}
+
+impl fmt::Display for EstimatorIdentity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Path { shadowing } => write!(f, "path{}", shadowing.ending()),
+            Self::ScenePath { among, caustics } => {
+                let what = if *among == Surroundings::Volumes { "volumes" } else { "walls" };
+                write!(f, "path among {what}{}", if *caustics { "" } else { "; caustics left out" })
+            }
+            Self::Gather { passes, cache_rays, rays, isovalues, shadowing } => {
+                let list = |l: &Vec<f64>| l.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
+                let isovalues = isovalues.as_ref().map_or("all".into(), list);
+                let ending = shadowing.ending();
+                write!(f, "gather: {passes} passes of {cache_rays}, then {rays} rays; isovalues {isovalues}{ending}")
+            }
+            Self::Photon { sent, nearest, shadowing } => {
+                write!(f, "photon: {sent} sent out, {nearest} to a texel{}", shadowing.ending())
+            }
+            Self::Custom { text } => f.write_str(text),
+        }
+    }
+}
+
+/// Reads the sentence of an estimator of this program; any other text is that of a custom one.
+impl From<&str> for EstimatorIdentity {
+    fn from(text: &str) -> Self {
+        parse(text).unwrap_or_else(|| Self::Custom { text: text.into() })
+    }
+}
+
+impl From<String> for EstimatorIdentity {
+    fn from(text: String) -> Self {
+        text.as_str().into()
+    }
+}
+
+fn parse(text: &str) -> Option<EstimatorIdentity> {
+    let found = text.find("; ").map_or("", |i| &text[i..]);
+    if let Some(rest) = text.strip_prefix("path among ") {
+        let (what, caustics) = match rest.strip_suffix("; caustics left out") {
+            Some(what) => (what, false),
+            None => (rest, true),
+        };
+        let among = [("walls", Surroundings::Walls), ("volumes", Surroundings::Volumes)];
+        let among = among.into_iter().find(|(name, _)| *name == what)?.1;
+        return Some(EstimatorIdentity::ScenePath { among, caustics });
+    }
+    let ends = |s: &&Shadows| **s != Shadows::Found && text.ends_with(s.ending());
+    let shadowing = Shadows::ALL.iter().find(ends).copied().unwrap_or_default();
+    let body = text.strip_suffix(shadowing.ending())?;
+    let number = |text: &str| text.parse::<u32>().ok();
+    if body == "path" && (found.is_empty() || found == shadowing.ending()) {
+        return Some(EstimatorIdentity::Path { shadowing });
+    }
+    if let Some(rest) = body.strip_prefix("photon: ") {
+        let (sent, rest) = rest.split_once(" sent out, ")?;
+        let nearest = number(rest.strip_suffix(" to a texel")?)?;
+        return Some(EstimatorIdentity::Photon { sent: number(sent)?, nearest, shadowing });
+    }
+    let (passes, rest) = body.strip_prefix("gather: ")?.split_once(" passes of ")?;
+    let (cache_rays, rest) = rest.split_once(", then ")?;
+    let (rays, isovalues) = rest.split_once(" rays; isovalues ")?;
+    let isovalues = match isovalues {
+        "all" => None,
+        list => Some(list.split(' ').map(|v| v.parse().ok()).collect::<Option<Vec<f64>>>()?),
+    };
+    let (passes, cache_rays, rays) = (number(passes)?, number(cache_rays)?, number(rays)?);
+    Some(EstimatorIdentity::Gather { passes, cache_rays, rays, isovalues, shadowing })
+}
+
+/// Reads an estimator as it stands in an identity: an object, or in the formats 1 and 2 a sentence.
+pub(super) fn read<'de, D: Deserializer<'de>>(deserializer: D) -> Result<EstimatorIdentity, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Stored {
+        Sentence(String),
+        Typed(EstimatorIdentity),
+    }
+    Ok(match Stored::deserialize(deserializer)? {
+        Stored::Sentence(text) => text.into(),
+        Stored::Typed(typed) => typed,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sentences_of_older_stores_are_read_and_written() {
+        let list = |isovalues| EstimatorIdentity::Gather {
+            passes: 5,
+            cache_rays: 16,
+            rays: 64,
+            isovalues,
+            shadowing: Shadows::Traced,
+        };
+        let cases = [
+            ("path", EstimatorIdentity::Path { shadowing: Shadows::Found }),
+            ("path; shadowing ignored", EstimatorIdentity::Path { shadowing: Shadows::Ignored }),
+            ("path; solids declared convex", EstimatorIdentity::Path { shadowing: Shadows::Convex }),
+            ("path among walls", EstimatorIdentity::ScenePath { among: Surroundings::Walls, caustics: true }),
+            (
+                "path among volumes; caustics left out",
+                EstimatorIdentity::ScenePath { among: Surroundings::Volumes, caustics: false },
+            ),
+            (
+                "photon: 4096 sent out, 64 to a texel",
+                EstimatorIdentity::Photon { sent: 4096, nearest: 64, shadowing: Shadows::Found },
+            ),
+            ("gather: 5 passes of 16, then 64 rays; isovalues all; every texel traced", list(None)),
+            (
+                "gather: 5 passes of 16, then 64 rays; isovalues 30 -0.5; every texel traced",
+                list(Some(vec![30.0, -0.5])),
+            ),
+        ];
+        for (text, typed) in cases {
+            assert_eq!(EstimatorIdentity::from(text), typed);
+            assert_eq!(typed.to_string(), text);
+            let json = serde_json::to_value(&typed).unwrap();
+            assert_eq!(read(json).unwrap(), typed);
+            assert_eq!(read(serde_json::Value::from(text)).unwrap(), typed);
+        }
+        for text in ["", "mine, 3 rays", "path; something new", "path among trees", "gather: 5 passes"] {
+            assert_eq!(EstimatorIdentity::from(text), EstimatorIdentity::Custom { text: text.into() });
+        }
+        let unknown = serde_json::json!({ "name": "path", "shadowing": "found", "more": 1 });
+        assert!(read(unknown).is_err());
+    }
+}
