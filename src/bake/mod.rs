@@ -14,7 +14,7 @@
 //! # fn main() -> isolume::Result<()> {
 //! # let folder = tempfile::tempdir().map_err(|e| isolume::Error::io("", "make a folder", e))?;
 //! # let path = folder.path().join("bumps.isolume");
-//! let volume = field::by_name("bumpbox:12")?.expect("a field").sample();
+//! let volume = field::by_name("bumpbox:12")?.expect("a field").sample()?;
 //! let layers = Layers::uniform(2, 3)?;
 //! let layout = Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0)?, layers: layers.clone() };
 //! let settings = Settings { layers, rays: 16, seed: 0, target: None, positive: false };
