@@ -53,13 +53,13 @@ impl Demo {
         let d = volume.dims();
         let [outer, inner] = ISOVALUES;
         console.summary(format!(
-            "1. A brain: {VOLUME_NAME}, {} × {} × {} samples, from inside the program (© Louis Collins, McConnell\n   \
+            "1. A brain: {VOLUME_NAME}, {} × {} × {} samples, from inside the program (© Louis Collins, McConnell \
              Brain Imaging Centre, McGill University).",
             d[0], d[1], d[2]
         ));
         let store = self.out.join("brain.isolume");
         console.summary(format!(
-            "\n2. Bake: the transfer of light at the texels that the isosurfaces {outer} and {inner} look up, {RAYS} rays\n   \
+            "\n2. Bake: the transfer of light at the texels that the isosurfaces {outer} and {inner} look up, {RAYS} rays \
              each, 4 layers (direct light and 3 bounces). No light is chosen yet."
         ));
         let (lines, json, seconds_bake) = bake(&volume, &store, seed, console)?;
@@ -92,7 +92,7 @@ impl Demo {
         write_sheet(&lit, &sheet)?;
         let seconds = start.elapsed();
         console.summary(format!(
-            "\n4. All on one sheet: {}\n\nDone in {}. Open the .glb files in any glTF viewer; then try your own volume:\n  \
+            "\n4. All on one sheet: {}\n\nDone in {}. The .glb files open in any glTF viewer. Then your own volume:\n  \
              isolume info FILE\n  isolume relight FILE --isovalue auto --env courtyard -o surface.glb",
             sheet.display(),
             text::duration(seconds)

@@ -112,8 +112,9 @@ pub(super) fn file_line(path: &std::path::Path, what: &str) -> String {
 /// wrapped if that leaves room for words, else the table is transposed, as many records side by side as fit.
 pub(super) fn table(rows: &[Vec<String>]) -> String {
     let widths = widths(rows);
-    let before: usize = widths.iter().rev().skip(1).map(|w| w + GAP).sum();
-    if before + widths.last().unwrap_or(&0) <= WIDTH || before + MOST_WORDS <= WIDTH {
+    let Some((last, others)) = widths.split_last() else { return String::new() };
+    let before: usize = others.iter().map(|w| w + GAP).sum();
+    if before + last <= WIDTH || before + MOST_WORDS <= WIDTH {
         return in_columns(rows, &widths);
     }
     let Some((head, records)) = rows.split_first() else { return String::new() };
