@@ -43,7 +43,7 @@ fn boxes(folder: &Path, size: usize, paths: u32) -> isolume::Result<()> {
     let volume = field::by_name(&scene.volume.value)?.expect("a field").sample()?;
     let none = |name: &str| Err(isolume::Error::argument("file", name, "no file", "none is named"));
     let geometry =
-        scene.surroundings.assemble(&scene, 1.0, &mut |n| none(n), &mut |n, _| none(n).map(|_| Default::default()))?;
+        scene.surroundings.assemble(&scene, 1.0, &mut |n, _| none(n), &mut |n, _| none(n).map(|_| Default::default()))?;
     let pyramid = Pyramid::new(&volume);
     let camera = Camera::framing(
         &volume.world_bounds(),

@@ -92,7 +92,7 @@ enum Command {
     Bake(Box<bake::Bake>),
     Merge(merge::Merge),
     Compare(compare::Compare),
-    Study(study::Study),
+    Study(Box<study::Study>),
     Relight(Box<relight::Relight>),
     View(view::View),
     Export(Box<export::Export>),

@@ -113,7 +113,7 @@ mod tests;
 
 pub use material::Albedo;
 pub use settings::{BakeDescription, CameraDescription, ProbeDescription, TextureSize};
-pub use surroundings::{Surroundings, WallDescription, WallShape};
+pub use surroundings::{ReadMesh, Surroundings, WallDescription, WallShape};
 pub use volumes::VolumeDescription;
 
 use super::{Coupling, EmissionRule};

@@ -57,6 +57,9 @@ pub enum WallShape {
     },
 }
 
+/// Reads a mesh by the name that the scene has for it, or a file by the name that the mesh has for it.
+pub type ReadMesh<'a> = dyn FnMut(&str, Option<&str>) -> Result<Vec<u8>> + 'a;
+
 impl Surroundings {
     /// Whether there is nothing.
     pub fn is_empty(&self) -> bool {
@@ -72,7 +75,7 @@ impl Surroundings {
         &self,
         scene: &Scene,
         metres_per_unit: f64,
-        read: &mut dyn FnMut(&str, Option<&str>) -> Result<Vec<u8>>,
+        read: &mut ReadMesh<'_>,
         surface: &mut dyn FnMut(&str, f64) -> Result<TriangleMesh>,
     ) -> Result<Geometry> {
         let mut walls = Vec::new();
