@@ -6,6 +6,7 @@ use super::input::{VolumeArgs, file_name};
 use super::isovalue::{Chosen, Isovalue};
 use super::{Outcome, baking, input, text};
 use crate::error::{Error, Result};
+use crate::file;
 use crate::transfer::store::{Holdings, Store};
 use crate::transfer::texels_of_isosurface;
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, Selection};
@@ -207,16 +208,26 @@ impl Estimate {
 /// Whether an argument names a store rather than a volume.
 pub(super) fn is_store(argument: &str) -> bool {
     let path = Path::new(argument);
-    (path.is_dir() && (argument.trim_end_matches('/').ends_with(".isolume") || !holds_slices(path)))
+    (path.is_dir() && (argument.trim_end_matches('/').ends_with(".isolume") || !holds_volume(path)))
         || (path.is_file() && argument.ends_with(".isolume"))
         || argument.ends_with(".isolume.zip")
 }
 
-/// Whether a directory is no store but may be a folder of slices: it has files, and is no hierarchy of Zarr.
-fn holds_slices(folder: &Path) -> bool {
+/// Whether a directory is no store but may be a volume: a folder with files, or a Zarr hierarchy of another program.
+fn holds_volume(folder: &Path) -> bool {
     let is_file = |entry: std::io::Result<std::fs::DirEntry>| entry.is_ok_and(|entry| entry.path().is_file());
-    !folder.join("zarr.json").exists() && std::fs::read_dir(folder).is_ok_and(|mut entries| entries.any(is_file))
+    match file::read(folder.join("zarr.json"), MOST_METADATA) {
+        Ok(root) => {
+            let text = String::from_utf8_lossy(&root);
+            text.contains("\"zarr_format\"") && !text.contains("isolume")
+        }
+        Err(_) if folder.join("zarr.json").exists() => false,
+        Err(_) => std::fs::read_dir(folder).is_ok_and(|mut entries| entries.any(is_file)),
+    }
 }
+
+/// Longest root of a hierarchy that is looked into.
+const MOST_METADATA: u64 = 1 << 24;
 
 /// Refuses what is no store.
 pub(super) fn check_store(argument: &str) -> Result<()> {

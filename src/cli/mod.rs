@@ -109,7 +109,7 @@ enum Command {
     Merge(merge::Merge),
     Verify(verify::Verify),
     Compare(compare::Compare),
-    Study(study::Study),
+    Study(Box<study::Study>),
     Relight(Box<relight::Relight>),
     View(view::View),
     Export(Box<export::Export>),

@@ -3,7 +3,7 @@
 use super::baking::{self, parse_time};
 use super::console::Console;
 use super::input::VolumeArgs;
-use super::isovalue::Isovalue;
+use super::isovalue::{Isovalue, tell};
 use super::light::open_probe;
 use super::options::BakeArgs;
 use super::scene::SceneFile;
@@ -67,6 +67,7 @@ impl Plan {
         let mut opened = super::scene::open(&self.input, &self.volume, scene, &self.bake.transfer.effects())?;
         self.bake.transfer.switch_shadows(&mut opened.volume);
         let chosen = self.bake.isovalues(&mut opened, scene)?;
+        tell(console, chosen.as_deref().unwrap_or_default());
         let volume = &opened.volume;
         let geometry = opened.geometry.as_ref();
         let layout = layout_of_scene(self.bake.transfer.layout(volume, &self.bake.bands)?, geometry);

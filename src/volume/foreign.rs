@@ -1,6 +1,6 @@
 //! What a file is that no reader takes: its name, and one way that works to a file that is read.
 //!
-//! The lines of Python were run as they stand; `FILE` is the user's.
+//! The lines of Python were run, but for those of OpenVDB; `FILE` is the user's.
 
 use crate::error::Error;
 
@@ -155,7 +155,9 @@ fn vtk_xml(inside: &str) -> (String, String) {
         }
         "RectilinearGrid" | "StructuredGrid" | "UnstructuredGrid" => {
             "resample it to a regular grid, in Python:\n  import pyvista\n  m = pyvista.read(\"FILE\")\n  \
-             pyvista.create_grid(m, dimensions=(128, 128, 128)).sample(m).save(\"FILE.vtk\")"
+             s = pyvista.create_grid(m, dimensions=(128, 128, 128)).sample(m)\n  \
+             g = pyvista.ImageData(dimensions=s.dimensions, spacing=s.spacing)\n  \
+             g[\"v\"] = s[\"NAME\"]; g.save(\"FILE.vtk\")"
         }
         "PolyData" => MESH,
         _ => "save it as legacy VTK, STRUCTURED_POINTS",

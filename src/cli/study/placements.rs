@@ -106,7 +106,9 @@ impl PlacementsArgs {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
         let is_scene = self.input.to_ascii_lowercase().ends_with(".toml");
         let file = is_scene.then(|| SceneFile::read(&self.input)).transpose()?;
-        let opened = scene::open(&self.input, &self.volume, file.as_ref(), &Effects::default())?;
+        let mut opened = scene::open(&self.input, &self.volume, file.as_ref(), &Effects::default())?;
+        let chosen = opened.choose(self.isovalue)?;
+        opened.take_side(std::slice::from_ref(&chosen))?;
         let volume = &opened.volume;
         for note in &volume.notes {
             console.note(&note.text);
@@ -122,8 +124,7 @@ impl PlacementsArgs {
             Texture::Ratio(ratio) => Lattice::from_ratio(volume.dims(), ratio)?,
             Texture::Texels(texels) => Lattice::from_texels(volume.dims(), texels)?,
         };
-        opened.check_all()?;
-        let isovalue = self.isovalue.resolve(volume, Some(volume.solid), opened.default_isovalue)?.value;
+        let isovalue = chosen.value;
         let probe = self.probe(file.as_ref())?;
         let turned = file.as_ref().and_then(|f| f.scene.probe.as_ref()?.rotation).unwrap_or(0.0);
         let orientation = Orientation::new(volume.up, turned)?;

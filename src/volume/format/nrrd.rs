@@ -337,7 +337,7 @@ impl Part {
         }
         let dims = space.map(|a| sizes[a]);
         let wanted = dims.iter().try_fold(1u64, |n, &d| n.checked_mul(d)).ok_or_else(refuse)?;
-        let others = if wanted == 0 { 1 } else { total / wanted };
+        let others = total.checked_div(wanted).unwrap_or(1);
         let pick = (others != 1).then(|| (first as usize, strides.map(|s| s as usize), dims.map(|d| d as usize)));
         Ok(Self { before, read: [dims[0].checked_mul(others).ok_or_else(refuse)?, dims[1], dims[2]], is_last, pick })
     }

@@ -87,6 +87,9 @@ impl Chosen {
     }
 }
 
+/// An isovalue from its amount.
+type Made = fn(f64) -> Isovalue;
+
 impl FromStr for Isovalue {
     type Err = Error;
 
@@ -111,7 +114,7 @@ impl FromStr for Isovalue {
             };
             return if share > 0.0 && share < 1.0 { Ok(Self::Enclosed(share)) } else { Err(refuse()) };
         }
-        let units: [(&str, fn(f64) -> Self); 6] = [
+        let units: [(&str, Made); 6] = [
             ("%", Self::Percent),
             ("sigma", Self::Sigma),
             ("σ", Self::Sigma),

@@ -28,6 +28,17 @@ fn good_files() -> Vec<(&'static str, Vec<u8>)> {
     for _ in 0..3 {
         encoder.write_image::<::tiff::encoder::colortype::Gray8>(4, 2, &data[..8]).unwrap();
     }
+    let mut ome = std::io::Cursor::new(Vec::new());
+    let mut encoder = ::tiff::encoder::TiffEncoder::new(&mut ome).unwrap();
+    for z in 0..2 {
+        let mut image = encoder.new_image::<::tiff::encoder::colortype::Gray8>(4, 2).unwrap();
+        let text = "<OME UUID='u'><Image><Pixels DimensionOrder='XYZCT' SizeZ='2' SizeC='1' SizeT='1' PhysicalSizeX='2' \
+                    PhysicalSizeY='2'><TiffData IFD='0' PlaneCount='2'><UUID>u</UUID></TiffData></Pixels></Image></OME>";
+        image.encoder().write_tag(::tiff::tags::Tag::ImageDescription, if z == 0 { text } else { "" }).unwrap();
+        image.write_data(&data[..8]).unwrap();
+    }
+    let directions = "space dimension: 4\nspace directions: (1,0,0,0) (0,1,0,0) (0,0,1,0) (0,0,0,1)";
+    let series = format!("NRRD0004\ntype: uchar\ndimension: 4\nsizes: 2 3 4 1\n{directions}\nencoding: raw\n\n");
     let files = [
         ("NIfTI", nifti),
         ("NRRD", nrrd),
@@ -37,6 +48,8 @@ fn good_files() -> Vec<(&'static str, Vec<u8>)> {
         ("cube", cube.into_bytes()),
         ("npy", npy),
         ("TIFF", tiff.into_inner()),
+        ("OME-TIFF", ome.into_inner()),
+        ("4D NRRD", join(&series)),
     ];
     let packed = files.clone().map(|(name, bytes)| (name, gzip(&bytes)));
     files.into_iter().chain(packed).collect()
@@ -63,7 +76,7 @@ fn every_truncation_of_every_format_is_an_error_with_a_reason() {
 #[test]
 fn every_single_byte_of_damage_is_survived() {
     // Damage may go unnoticed; it must not panic, hang or exhaust memory.
-    for (name, bytes) in good_files().into_iter().take(8) {
+    for (name, bytes) in good_files().into_iter().take(10) {
         for at in 0..bytes.len() {
             for value in [0, 0x7f, 0xff, b'9', bytes[at] ^ 1] {
                 let mut damaged = bytes.clone();

@@ -1,6 +1,9 @@
 //! OME-XML in the first page of an OME-TIFF: sizes, spacing, and which page holds which plane
 //! (docs.openmicroscopy.org, OME model 2016-06, "OME-TIFF specification").
 
+// Indices are axes, 0 to 2.
+#![cfg_attr(not(test), allow(clippy::indexing_slicing))]
+
 use super::super::super::LengthUnit;
 use super::super::super::assemble::note;
 use super::super::super::choice::Choice;
