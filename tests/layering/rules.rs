@@ -170,6 +170,10 @@ pub const CRATES: &[(&str, &[&str])] = &[
     ("indicatif", &["cli", "main"]),
     ("cpu_time", &["cli", "main"]),
     ("ctrlc", &["cli", "main"]),
+    ("signal_hook", &["cli", "main"]),
+    ("clap_complete", &["cli", "main"]),
+    ("clap_mangen", &["cli", "main"]),
+    ("getrandom", &["cli", "main"]),
     ("directories", &["cli", "main"]),
     ("exr", &["probe"]),
     ("nifti", &["volume"]),
@@ -178,7 +182,5 @@ pub const CRATES: &[(&str, &[&str])] = &[
     ("tiff", &["volume"]),
     ("memmap2", &["transfer", "volume"]),
     ("sobol_burley", &["sampling"]),
-    // The page knows no sockets.
-    ("tiny_http", &["cli"]),
     ("base64", &["view"]),
 ];
