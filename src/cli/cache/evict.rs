@@ -69,7 +69,7 @@ impl Cache {
     ///
     /// # Errors
     /// When the limit is not a number, or the system refuses.
-    pub(in crate::cli) fn evict(&self, console: &Console) -> Result<()> {
+    pub(super) fn evict(&self, console: &Console) -> Result<()> {
         self.sweep();
         let Some(limit) = self.limit()? else { return Ok(()) };
         let entries = self.entries();
@@ -96,6 +96,13 @@ impl Cache {
             ));
         }
         Ok(())
+    }
+
+    /// As [`Cache::evict`], after work that is done: what goes wrong is a note.
+    pub(in crate::cli) fn tidy(&self, console: &Console) {
+        if let Err(error) = self.evict(console) {
+            console.note(format!("the cache keeps what it has: {error}"));
+        }
     }
 
     /// Deletes what a killed process had begun to delete.

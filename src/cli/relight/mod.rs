@@ -231,7 +231,7 @@ impl Relight {
             return Err(Failure::Message("a scene of several volumes was baked as one".into()));
         };
         let done = self.light_members(members, baked.geometry.as_ref(), baked.rays, probes, start, console)?;
-        baked.cache.evict(console)?;
+        baked.cache.tidy(console);
         drop(baked.in_use);
         Ok(done)
     }

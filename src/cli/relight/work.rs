@@ -174,7 +174,7 @@ impl<'a> Work<'a> {
         }
         let (source, _use) = self.bake(&job, &cache, false)?;
         let done = self.light(&source, drafts)?;
-        cache.evict(self.console)?;
+        cache.tidy(self.console);
         Ok(done)
     }
 

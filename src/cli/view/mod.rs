@@ -125,7 +125,7 @@ impl View {
         let path = cache.place(&job);
         let Filled { store, report, in_use } = cache.fill(&job, &path, std::time::Instant::now(), console)?;
         cache.tell(&report, None, &path, console);
-        cache.evict(console)?;
+        cache.tidy(console);
         Ok((store, Some(in_use)))
     }
 
