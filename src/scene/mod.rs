@@ -14,8 +14,8 @@ pub mod srgb;
 pub use colormap::Colormap;
 pub use coupling::{Coupled, Coupling, IsovalueMap};
 pub use description::{
-    Albedo, BakeDescription, CameraDescription, Located, MOST_ISOVALUES, ProbeDescription, ReadFile, Scene, Surroundings,
-    TextureSize, VolumeDescription, WallDescription, WallShape,
+    Albedo, BakeDescription, CameraDescription, Located, MOST_ISOVALUES, ProbeDescription, ReadFile, Scene,
+    Surroundings, TextureSize, VolumeDescription, WallDescription, WallShape,
 };
 pub use effects::{EFFECTS, EffectSwitch, Effects};
 pub use material::{EmissionRule, MaterialRule, Table};

@@ -38,6 +38,7 @@ use work::{Source, Work};
 /// isovalues asked for, into a store in the user's cache folder; the next run finds it there. Where that takes
 /// longer than a moment, a draft of 16 rays a texel is written first, then replaced.
 #[derive(clap::Args, Clone)]
+#[command(override_usage = "isolume relight [OPTIONS] -i <C[,…]> -e <PROBE> -o <FILE> <INPUT>")]
 #[command(after_help = "Examples:
   isolume relight brain.isolume --isovalue 90 --env courtyard -o brain.glb
   isolume relight brain.isolume --isovalue 90,160 --env studio -o {isovalue}.png
