@@ -57,8 +57,8 @@
 //! |---|---|---|
 //! | [`error`] | the one error type; errors are values | everything else |
 //! | [`finding`] | what a diagnosis found, how often, what is done about it | everything else |
-//! | `staging` | files and directories that appear whole, what killed processes leave | what is in them |
 //! | [`mod@file`] | opening plain files, and those that other files name | formats |
+//! | `staging` | files and directories that appear whole, what killed processes leave | what is in them |
 //! | [`geom`] | directions, normals as covectors, frames, boxes, affine maps | everything else |
 //! | [`sampling`] | numbers by their index, Owen-Sobol points, warps in threes, statistics, `DirectionalSource` | volumes, SH, threads, the clock |
 //! | [`sh`] | basis, coefficients, projection, rotation, windows | colour, images, volumes |
@@ -97,8 +97,8 @@
 
 pub mod error;
 pub mod finding;
-mod staging;
 pub mod file;
+mod staging;
 pub mod geom;
 pub mod sampling;
 pub mod sh;

@@ -10,7 +10,13 @@ use std::path::{Path, PathBuf};
 
 impl Bench {
     fn diagnosis(&self, file: &str) -> Value {
-        self.json(&format!("doctor {file}"))
+        let output = self.command(&format!("doctor {file} --json")).output().expect("the program runs");
+        let found: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
+        // Damage is told by the exit code as well, and nothing else is.
+        let findings = found["findings"].as_array().expect("findings");
+        let is_damaged = findings.iter().any(|f| f["severity"] == "damage");
+        assert_eq!(output.status.code(), Some(i32::from(is_damaged)), "{found:#}");
+        found
     }
 
     /// Count, total and text of a finding.

@@ -240,25 +240,25 @@ fn next_error(seen: &[(f64, f64)], allowed: f64) -> f64 {
     const LAW: f64 = -0.75;
     let (error, time) = seen[seen.len() - 1];
     let slope = match seen {
-        [.., (e0, t0), (e1, t1)] if (e1 / e0).ln().abs() > 0.05 => {
+        [.., (e0, t0), (e1, t1)] if libm::log(e1 / e0).abs() > 0.05 => {
             // d ln error / d ln time: steep near the least that a texel gets, where time hardly falls any more.
-            let slope = (e1 / e0).ln() / (t1 / t0).ln();
+            let slope = libm::log(e1 / e0) / libm::log(t1 / t0);
             if slope.is_finite() { slope.clamp(-4.0, -0.4) } else { LAW }
         }
         _ => LAW,
     };
-    let factor = (allowed / time).powf(slope).clamp(0.125, 8.0);
+    let factor = libm::pow(allowed / time, slope).clamp(0.125, 8.0);
     (error * factor).clamp(SMALLEST_ERROR, LARGEST_ERROR)
 }
 
 /// Rounded up to two digits: what a user would type.
 fn two_digits(error: f64) -> f32 {
-    let scale = 10f64.powi(1 - error.log10().floor() as i32);
+    let scale = 10f64.powi(1 - libm::log10(error).floor() as i32);
     ((error * scale).ceil() / scale).to_string().parse().unwrap_or(error as f32)
 }
 
 /// `count` bricks at equal steps.
-pub(crate) fn spread(bricks: &[[usize; 3]], count: usize) -> Vec<[usize; 3]> {
+pub fn spread(bricks: &[[usize; 3]], count: usize) -> Vec<[usize; 3]> {
     let count = count.min(bricks.len());
     (0..count).map(|i| bricks[(2 * i + 1) * bricks.len() / (2 * count)]).collect()
 }

@@ -37,12 +37,10 @@ mod request;
 mod run;
 mod scene;
 
-pub use goal::{ESCAPE, ForLight, Goal};
+pub use goal::{ESCAPE, ForLight, Goal, spread};
 pub use memory::{bytes_of_bake, bytes_of_texel};
 pub use observer::{Observer, Silent, Task};
 pub use report::{GoalRecord, PhotonReport, Report};
 pub use request::{Estimator, Hints, Request, Share, Writing};
 pub use run::run;
 pub use scene::layout_of_scene;
-
-pub(crate) use goal::spread;

@@ -55,10 +55,7 @@ pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observe
         let quality = job.quality(&pyramid, &store, || job.selection(), observer)?;
         let claims = job.claims(&quality.name);
         let asked = store.asked()?;
-        store.ask(&claims.iter().fold(asked.clone(), |mut all, claim| {
-            all.add(claim.clone());
-            all
-        }))?;
+        let wanted = claims.clone();
         let mut pending = Pending::new(job, &store, claims)?;
         if let Some(share) = job.share {
             let chunks = pending.kept + pending.missing;
@@ -75,6 +72,11 @@ pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observe
         observer.begin();
         parts(job, &pyramid, &store, &mut pending, quality.target, observer, &mut report)?;
         repair::complete(job, &pyramid, &store, &asked, &damaged, quality.name.as_ref(), observer, &mut report)?;
+        // Chunks claim what they have; the note is for those that are lost one day.
+        store.ask(&wanted.into_iter().fold(asked, |mut all, claim| {
+            all.add(claim);
+            all
+        }))?;
     }
     store.refresh();
     Ok((store, report))

@@ -302,7 +302,7 @@ fn looks_like_a_store(path: &Path) -> bool {
 /// Refuses to replace what is no store of ours; a damaged one may be replaced.
 fn check_store(path: &Path) -> Outcome {
     match Store::open(path) {
-        Err(crate::Error::Format { .. }) if looks_like_a_store(path) => Ok(()),
+        Err(_) if looks_like_a_store(path) => Ok(()),
         result => Ok(result.map(drop)?),
     }
 }

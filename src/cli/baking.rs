@@ -26,7 +26,7 @@ pub(super) trait Told {
     /// As lines for people.
     fn lines(&self, store_bytes: u64) -> String;
     /// What of the light is missing because paths were cut among mirrors and glass, where it is more than a trifle.
-    fn warning(&self) -> Option<String>;
+    fn cut_paths(&self) -> Option<String>;
     /// For machines.
     fn json(&self, store_bytes: u64) -> Value;
 }
@@ -138,7 +138,7 @@ impl Told for Report {
         text::table(&rows)
     }
 
-    fn warning(&self) -> Option<String> {
+    fn cut_paths(&self) -> Option<String> {
         let counts = &self.scene.as_ref()?.counts;
         let share = (counts.lost_specular + counts.lost_turns) as f64 / self.summary.paths.max(1) as f64;
         (share > MOST_CUT).then(|| {
@@ -418,7 +418,7 @@ pub(super) fn fill(request: &Request<'_>, path: &Path, start: Instant, console: 
     let limit = request.memory_limit.unwrap_or_else(options::default_memory_limit);
     let request = Request { memory_limit: Some(limit), ..request.clone() };
     let (store, report) = bake::run(&request, path, &Watcher { console, start, guard: Mutex::new(None) })?;
-    report.warning().iter().for_each(|warning| console.note(warning));
+    report.cut_paths().iter().for_each(|warning| console.note(warning));
     Ok((store, report))
 }
 

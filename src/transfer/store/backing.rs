@@ -55,7 +55,7 @@ impl Deref for Bytes {
 /// was verified, a reader sees other numbers. All mapped bytes are used as plain integers and
 /// f16, for which every bit pattern is a value.
 #[allow(unsafe_code)]
-pub(super) fn map(file: &File) -> io::Result<Mmap> {
+pub(super) fn map_file(file: &File) -> io::Result<Mmap> {
     // SAFETY: as argued above.
     unsafe { Mmap::map(file) }
 }
@@ -299,7 +299,7 @@ pub(super) fn file_bytes(file: &File, maps: bool) -> io::Result<Bytes> {
         return Err(io::Error::other("it is a directory, not a file"));
     }
     if maps && kind.len() > MAP_ABOVE {
-        match map(file) {
+        match map_file(file) {
             Ok(map) => return Ok(Bytes::Map(map)),
             // The system bounds the number of maps (65530 on Linux); past it, copies do.
             Err(e) if e.kind() == io::ErrorKind::OutOfMemory => {}
