@@ -149,11 +149,16 @@ fn a_store_is_verified_to_the_last_brick() {
     std::fs::write(&rays[0], bytes).expect("written");
     let (count, of, text) = bench.finding("s.isolume", "damaged chunks");
     assert_eq!((count, of, text.lines().count()), (1, 8, 2), "{text}");
-    // One chunk gone, and of another the record of a different writing.
+    // Of one chunk a file gone, then all of it, and of another a file of a different writing.
     std::fs::remove_file(&shards[1]).expect("removed");
+    let (count, _, text) = bench.finding("s.isolume", "torn chunks");
+    assert!(count == 1 && text.contains("missing"), "{text}");
+    for part in ["/env/stderr/c/", "/env/validity/c/", "/env/rays/c/", "/env/rays/extent/"] {
+        std::fs::remove_file(&files(&bench.path("s.isolume"), part)[1]).expect("removed");
+    }
     assert_eq!(bench.finding("s.isolume", "holes").0, 1);
     let stderr = files(&bench.path("s.isolume"), "/env/stderr/c/");
-    std::fs::copy(&stderr[3], &stderr[2]).expect("copied");
+    std::fs::copy(&stderr[2], &stderr[1]).expect("copied");
     let (count, _, text) = bench.finding("s.isolume", "torn chunks");
     assert!(count == 1 && text.contains("/stderr/c/"), "{text}");
     assert_eq!(bench.diagnosis("s.isolume")["summary"]["sound"], 5);

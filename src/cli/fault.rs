@@ -12,16 +12,27 @@ const MESSAGE: &[u8] = b"error: a file of the store shrank while it was read: an
     written; look at the store with `isolume verify` and try again\n";
 
 /// From now on a bus error ends the process with a message and exit code 1.
+///
+/// The handler takes the place of the one that Rust's runtime has for stack overflows (a SIGSEGV on Linux): that one sets the
+/// default action first, which ends the process at once when a second thread meets the cut-off file meanwhile.
 #[cfg(unix)]
 #[allow(unsafe_code)]
 pub(super) fn explain_bus_errors() {
-    let answer = || {
-        let _ = rustix::io::write(rustix::stdio::stderr(), MESSAGE);
-        signal_hook::low_level::exit(1);
-    };
-    // SAFETY: the action runs inside a signal handler. It calls write(2) and _exit(2) alone, which are async-signal-safe;
-    // it allocates nothing, takes no lock and cannot panic.
-    let _ = unsafe { signal_hook::low_level::register(signal_hook::consts::SIGBUS, answer) };
+    extern "C" fn answer(_: libc::c_int) {
+        // SAFETY: write(2) and _exit(2) are async-signal-safe; nothing is allocated, no lock is taken, nothing can panic.
+        unsafe {
+            libc::write(libc::STDERR_FILENO, MESSAGE.as_ptr().cast(), MESSAGE.len());
+            libc::_exit(1);
+        }
+    }
+    // SAFETY: `action` is a plain struct for which zeros are a value (no flags, no blocked signals); it outlives the call, and
+    // `answer` has the signature that a handler without SA_SIGINFO has. SA_ONSTACK: threads of Rust have a stack for signals.
+    unsafe {
+        let mut action: libc::sigaction = std::mem::zeroed();
+        action.sa_sigaction = answer as extern "C" fn(libc::c_int) as usize;
+        action.sa_flags = libc::SA_ONSTACK;
+        libc::sigaction(libc::SIGBUS, &action, std::ptr::null_mut());
+    }
 }
 
 /// Other systems do not let a mapped file be cut off.

@@ -171,6 +171,7 @@ pub const CRATES: &[(&str, &[&str])] = &[
     ("cpu_time", &["cli", "main"]),
     ("ctrlc", &["cli", "main"]),
     ("signal_hook", &["cli", "main"]),
+    ("libc", &["cli", "main"]),
     ("clap_complete", &["cli", "main"]),
     ("clap_mangen", &["cli", "main"]),
     ("getrandom", &["cli", "main"]),
