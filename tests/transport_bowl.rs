@@ -1,4 +1,4 @@
-//! VALIDATION 13 and 18, DESIGN 7: the bowl, h = |x| below z = 0, light inside.
+//! VALIDATION 13 and 18, and its targets: the bowl, h = |x| below z = 0, light inside.
 //!
 //! Form factors inside a sphere are uniform, dF = dA/(4πc²), so whatever leaves a point of the
 //! lower half sphere escapes through the opening with chance f = 1/2, from every point and at
@@ -50,7 +50,7 @@ fn five_level_sets_of_one_bake_let_half_of_the_light_out_at_every_bounce() {
             let mean = surface_mean(&baked, points, volume.dims(), k);
             let (ratio, error) = (mean.mean() / expected(k), mean.standard_error() / expected(k));
             println!("c {c:4} layer {k}: a_k/expected {ratio:.4} ± {error:.4}");
-            // DESIGN 7: 1 % for the discretisation, 3 standard errors for the noise.
+            // The target: 1 % for the discretisation, 3 standard errors for the noise.
             assert!((ratio - 1.0).abs() <= 0.01 + 3.0 * error, "c {c} layer {k}: {ratio} ± {error}");
         }
     }
@@ -72,7 +72,7 @@ fn one_texel_is_as_noisy_as_promised() {
         let r = (DVec3::new(t[0] as f64, t[1] as f64, t[2] as f64) - 32.0).length();
         (8.0..31.0).contains(&r) && t[2] < 31
     };
-    // DESIGN 7 asks for 2 % of layer 0 at 256 rays. A half plane through a (0, 2)-net of 64 points
+    // The target asks for 2 % of layer 0 at 256 rays. A half plane through a (0, 2)-net of 64 points
     // leaves 1.3 of them to chance (10 cells on its edge, p(1 − p) = 1/6 each), over four
     // replicates 1.3/64/2 of 1/2: 2.0 %, and 2.2 % for the curved edge of a tilted horizon. One net
     // of 256 points would give 1.5 %; four are the price of the error bars. Limit 2.3 %.

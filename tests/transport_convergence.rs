@@ -1,4 +1,4 @@
-//! VALIDATION 26 and the bump-box row of DESIGN 7: how the error falls with the number of rays,
+//! VALIDATION 26 and the bump box: how the error falls with the number of rays,
 //! and whether the error bars tell the truth.
 
 mod common;
@@ -32,7 +32,7 @@ fn shadowed_texels(volume: &Volume, count: usize, stream: u64) -> Vec<[usize; 3]
     texels.into_iter().filter(shadowed).take(count).collect()
 }
 
-/// RMS of T of DESIGN 1: layers weighted by ρ^(k+1).
+/// RMS of T: layers weighted by ρ^(k+1).
 fn rms_of_transfer(found: &Baked, reference: &Baked, texels: &[[usize; 3]], rho: f64) -> f64 {
     let layers = found.layers().clone();
     let weighted = |baked: &Baked, t| -> Vec<f64> {

@@ -1,4 +1,4 @@
-//! VALIDATION 6, 20 and DESIGN's "same bytes": what must not change the result, does not.
+//! VALIDATION 6, 20 and its targets (same bytes): what must not change the result, does not.
 
 mod common;
 

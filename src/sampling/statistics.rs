@@ -288,7 +288,7 @@ pub fn relative_rms(pairs: impl IntoIterator<Item = (f64, f64)>) -> f64 {
     if difference == 0.0 { 0.0 } else { (difference / reference).sqrt() }
 }
 
-/// RMS of a − b over the mean of b, for pairs (a, b): the figure DESIGN calls relative RMS.
+/// RMS of a − b over the mean of b, for pairs (a, b): the relative RMS of `tests/VALIDATION.md`.
 /// 0 when a = b everywhere, infinite when only the mean of b vanishes.
 pub fn rms_over_mean(pairs: impl IntoIterator<Item = (f64, f64)>) -> f64 {
     let (mut difference, mut reference, mut count) = (0.0, 0.0, 0_u64);

@@ -18,6 +18,10 @@ pub(super) fn most_in_work() -> usize {
     rayon::current_num_threads() + 1
 }
 
+/// What makes the output of a brick: from a scratch of its thread, what is there of its chunk, its index in the lattice, and
+/// its slot in the chunk.
+type Work<'a, Scratch, Old, Out> = dyn Fn(&mut Scratch, &Old, [usize; 3], usize) -> Option<Out> + Sync + 'a;
+
 /// What is known of a chunk while its bricks are computed.
 struct Chunk<Old, Out> {
     /// What was there before; read by whoever begins the chunk.
@@ -54,7 +58,7 @@ pub(super) fn for_each_chunk<Old: Send + Sync, Out: Send, Done: Send, Scratch: D
     chunks: &[[usize; 3]],
     progress: &Progress,
     load: &(dyn Fn([usize; 3]) -> Result<Old> + Sync),
-    work: &(dyn Fn(&mut Scratch, &Old, [usize; 3], usize) -> Option<Out> + Sync),
+    work: &Work<'_, Scratch, Old, Out>,
     hand_on: &mut (dyn FnMut([usize; 3], Vec<Option<Out>>) -> Result<Done> + Send),
     add: &mut (dyn FnMut(Done) + Send),
 ) -> Result<()> {

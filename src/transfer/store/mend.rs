@@ -1,5 +1,5 @@
 //! Mending a store whose metadata or samples were lost: both follow from the volume and the identity, which whoever goes on
-//! with a bake has in hand. Chunks of transfer do not; they are baked again ([`Store::verify_chunk`]).
+//! with a bake has in hand. Chunks of transfer do not; they are baked again ([`Store::verify_chunks`]).
 //!
 //! # What may be written over
 //! A file that is sound is left alone, and one that says that this is a store of something else ends the attempt. Metadata

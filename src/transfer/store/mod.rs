@@ -35,7 +35,7 @@
 //! `consolidated_metadata`, a courtesy to other readers, is not read here; [`diagnose()`] compares it with what it
 //! repeats. The attributes are ours: who adds some breaks their hash. Writes are synchronised with the disk in an order
 //! that a power cut cannot mix up ([`StoreOptions::sync`]); what is found damaged all the same is mended by the next bake
-//! ([`Store::open_or_create`], [`Store::verify_chunk`]).
+//! ([`Store::open_or_create`], [`Store::verify_chunks`]).
 //!
 //! The format is described for other programs in `FORMAT.md` beside this file.
 //!

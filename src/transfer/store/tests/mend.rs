@@ -190,3 +190,41 @@ fn what_was_asked_survives_the_loss_of_its_note() {
     store.ask(&more).unwrap();
     assert!(store.asked().unwrap() == both && store.asked_damage().unwrap().is_none());
 }
+
+/// What other programs would read and this one does not: the root's copy of the metadata.
+#[test]
+fn a_wrong_copy_of_metadata_is_damage_and_is_mended() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = filled(directory.path());
+    let whole = files(&path);
+    let key = path.join("zarr.json");
+    let mut root: Value = serde_json::from_slice(&fs::read(&key).unwrap()).unwrap();
+    root["consolidated_metadata"]["metadata"]["volumes/a_b__/data"]["shape"] = json!([1, 2, 3]);
+    fs::write(&key, root.to_string()).unwrap();
+    let findings = || {
+        let store = Store::open(&path).unwrap();
+        let nothing = |_: &Volume, _: &Holdings| crate::transfer::Selection::empty(layout().lattice);
+        diagnose(&store, &nothing).unwrap().findings
+    };
+    let found = findings();
+    let found = found.iter().find(|f| f.topic == "damaged metadata").expect("a finding");
+    assert!(found.is_damage() && found.found.contains("volumes/a_b__/data"), "{found:?}");
+    let store = Store::open_or_create(&path, &volume(), &identity(), provenance()).unwrap();
+    assert_eq!(store.mended().len(), 1);
+    assert!(files(&path) == whole && findings().iter().all(|f| !f.is_damage()));
+}
+
+/// A pipe in the place of a file would be waited for.
+#[cfg(unix)]
+#[test]
+fn a_pipe_in_the_place_of_a_file_is_an_error() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = filled(directory.path());
+    for name in ["transfer/a_b__/env/stderr/c/0/0/0/0", "transfer/a_b__/env/zarr.json"] {
+        let file = path.join(name);
+        fs::remove_file(&file).unwrap();
+        rustix::fs::mkfifoat(rustix::fs::CWD, &file, rustix::fs::Mode::RUSR).unwrap();
+        let error = everything(&path).unwrap_err().to_string();
+        assert!(error.contains(name) && error.contains("plain file"), "{error}");
+    }
+}
