@@ -35,7 +35,10 @@ pub(crate) fn file_in(folder: &Path, prefix: &str, suffix: &str) -> io::Result<N
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let file = builder.tempfile_in(folder)?;
-    let _ = file.as_file().try_lock(); // Where there are no locks, age alone decides.
+    if cfg!(unix) {
+        // Elsewhere a lock would keep out this process's own other handles. Without one, age alone decides.
+        let _ = file.as_file().try_lock();
+    }
     Ok(file)
 }
 
@@ -123,7 +126,8 @@ pub(crate) fn temporary_names(folder: &Path) -> Vec<PathBuf> {
 fn is_locked(path: &Path) -> bool {
     let lock = if path.is_dir() { path.join(LOCK) } else { path.to_path_buf() };
     match File::open(lock) {
-        Ok(file) => matches!(file.try_lock(), Err(fs::TryLockError::WouldBlock)),
+        // Where the file system has no locks nothing tells whether somebody is at work: then it stays.
+        Ok(file) => file.try_lock().is_err(),
         Err(_) => false,
     }
 }

@@ -511,6 +511,24 @@ fn a_pair_is_baked_into_one_store_and_lit_together() {
     assert!(bench.refuses("bake pair.toml -o pair.isolume").contains("coupling"));
 }
 
+/// Root and description of the second volume are lost: the first restores the one, the second the other, and no chunk is
+/// computed again.
+#[test]
+fn lost_metadata_of_several_volumes_comes_back() {
+    let bench = Bench::new();
+    bench.write("a.toml", PAIR.replace("COUPLING", "[[47, 0.6]]"));
+    bench.run("bake a.toml -o a.isolume");
+    let names = ["zarr.json", "transfer/gyroid/env/zarr.json", "volumes/gyroid/data/zarr.json", "volumes/zarr.json"];
+    let before = names.map(|name| bench.bytes(&format!("a.isolume/{name}")));
+    for lost in [&names[..1], &names[..2], &names[1..], &names[..]] {
+        lost.iter().for_each(|name| std::fs::remove_file(bench.path(&format!("a.isolume/{name}"))).expect("removed"));
+        let again = bench.json("bake a.toml -o a.isolume");
+        let volumes = again["volumes"].as_array().expect("two volumes");
+        assert!(volumes.iter().all(|v| v["bake"]["chunks"]["baked"] == 0), "{lost:?}: {again:#}");
+        assert!(names.map(|name| bench.bytes(&format!("a.isolume/{name}"))) == before, "{lost:?}");
+    }
+}
+
 #[test]
 fn the_order_of_volumes_does_not_matter() {
     let bench = Bench::new();

@@ -19,11 +19,6 @@ use crate::volume::Volume;
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// Whether the directory holds a part for the volume with this node name.
-pub(super) fn holds(path: &Path, node: &str) -> bool {
-    path.join("transfer").join(node).is_dir()
-}
-
 /// Whether the directory has a sound description of how the transfer of the volume was made.
 pub(super) fn describes(path: &Path, node: &str) -> bool {
     let backing = Backing::open(path);
@@ -44,6 +39,13 @@ pub(super) fn mend(
     options: StoreOptions,
 ) -> Result<Vec<String>> {
     let backing = Backing::Directory(Directory::open(path)?);
+    // What a later version wrote is not damaged because this one cannot read it.
+    if let Ok(Some(root)) = backing.json("zarr.json")
+        && root["attributes"]["isolume"]["format_version"].is_u64()
+    {
+        let version = &root["attributes"]["isolume"]["format_version"];
+        check_version(version).map_err(|e| e.in_file(backing.name("zarr.json")))?;
+    }
     let node = node_name(&volume.name);
     let env = format!("transfer/{node}/env");
     let stored = read_identity(&backing, &format!("{env}/zarr.json"));
@@ -139,20 +141,25 @@ fn root(backing: &Backing, identity: &Identity, node: &str, nodes: Vec<(String, 
         }
     }
     members.sort();
-    let mut all: Vec<(String, Value)> = Vec::new();
+    let (mut all, mut names): (Vec<(String, Value)>, Vec<String>) = (Vec::new(), Vec::new());
     let mut own = Some(nodes);
-    for (_, member) in &members {
+    for (_, member) in members {
         let part = match own.take_if(|_| member == node) {
             Some(nodes) => nodes,
-            None => nodes_on_disk(backing, member)?,
+            // Damaged as well: it is added again when its turn comes.
+            None => match nodes_on_disk(backing, &member) {
+                Ok(nodes) => nodes,
+                Err(Error::Format { .. } | Error::Limit { .. }) => continue,
+                Err(other) => return Err(other),
+            },
         };
+        names.push(member);
         for (key, value) in part {
             if !all.iter().any(|(known, _)| *known == key) {
                 all.push((key, value));
             }
         }
     }
-    let names: Vec<String> = members.into_iter().map(|(_, name)| name).collect();
     let mut root = zarr::group(sealed(root_about(&names)));
     zarr::consolidate(&mut root, &all);
     Ok(root)

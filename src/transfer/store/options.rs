@@ -91,12 +91,13 @@ impl StoreOptions {
             return self.open_or_create(path, volume, identity, provenance);
         }
         let node = node_name(&volume.name);
-        if mend::holds(path, &node) {
-            return self.open_mended(path, volume, identity, provenance);
-        }
-        let mut store = Store::open(path)?;
+        // A root that can be read decides: a volume that it does not name was not added to the end.
+        let (mut store, mut held) = match Store::open(path).and_then(|store| Ok((store.volumes()?, store))) {
+            Ok((held, store)) if !held.contains(&node) => (store, held),
+            Ok(_) | Err(Error::Format { .. }) => return self.open_mended(path, volume, identity, provenance),
+            Err(other) => return Err(other),
+        };
         store.sync = self.sync;
-        let mut held = store.volumes()?;
         // Whoever is there must know the new one as a partner, and how it is coupled.
         for name in &held {
             let other = store.of_volume(name)?;

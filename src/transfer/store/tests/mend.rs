@@ -191,6 +191,19 @@ fn what_was_asked_survives_the_loss_of_its_note() {
     assert!(store.asked().unwrap() == both && store.asked_damage().unwrap().is_none());
 }
 
+#[test]
+fn a_store_of_a_later_version_is_never_written_over() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = filled(directory.path());
+    let later = json!({ "isolume": { "format_version": FORMAT_VERSION + 1, "volume": "a_b__" } });
+    fs::write(path.join("zarr.json"), zarr::group(sealed(later)).to_string()).unwrap();
+    fs::write(path.join("transfer/a_b__/env/zarr.json"), "{ \"of\": \"a later version\" }").unwrap();
+    let before = files(&path);
+    let options = StoreOptions::default().repair(true);
+    let refused = options.open_or_create(&path, &volume(), &identity(), provenance()).unwrap_err().to_string();
+    assert!(refused.contains("format version") && files(&path) == before, "{refused}");
+}
+
 /// What other programs would read and this one does not: the root's copy of the metadata.
 #[test]
 fn a_wrong_copy_of_metadata_is_damage_and_is_mended() {
