@@ -204,7 +204,7 @@ impl<T: Sample> LevelSet<'_, T> {
         let mut buried = 0u32;
         loop {
             // Cell by cell until it comes into a block that holds nothing solid. Most rays leave a block after a number of
-            // cells that no processor foretells, so that is no branch.
+            // cells that no branch predictor foresees, so that is no branch.
             loop {
                 let axis = march::first(march.far);
                 let t = march.far.min_element();

@@ -141,7 +141,8 @@ fn damage_is_never_lit() {
             }
             1 => {
                 assert!(message(&output).contains(".isolume"), "{}", message(&output));
-                assert!(files(&lit).is_empty(), "half of the files were written");
+                // A surface that needs nothing of what is damaged may be there already: whole, and the same.
+                assert!(files(&lit).iter().all(|(name, hash)| expected[name] == *hash), "trial {trial}");
                 refused += 1;
             }
             other => panic!("exit code {other}: {}", message(&output)),

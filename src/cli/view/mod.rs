@@ -27,7 +27,7 @@ use server::Server;
 use std::io::Write;
 use std::path::PathBuf;
 
-/// Look at a store or a volume in the browser: every isosurface, relit under the hand
+/// Look at a store or a volume in the browser: every isosurface, relit interactively
 ///
 /// Serves a page on 127.0.0.1 until Ctrl-C, for who has the address that is printed; or writes one file that opens
 /// without a network. The page needs a browser with WebGL2. Environments (.hdr, .exr; up to 64 MB and 33 million pixels)
