@@ -64,8 +64,10 @@ fn a_power_cut_on_a_finished_store_is_mended_by_one_command() {
             }
             hit.push((name, kind));
         }
+        // The note of what was asked is missing in a bake that is not done, too: what it says stands in the chunks.
+        let is_note = |(name, kind): &(&PathBuf, u32)| name.ends_with("asked.json") && *kind == 2;
         let verify = isolume(&["verify"]).arg(&store).output().unwrap();
-        assert_eq!(code(&verify), 1, "{hit:?}: {}", message(&verify));
+        assert_eq!(code(&verify), i32::from(!hit.iter().all(is_note)), "{hit:?}: {}", message(&verify));
         succeeds(bake_volume(VOLUME, &store, &ASKED));
         assert_same(&store, &expected, &format!("trial {trial}, {hit:?}"));
         let verify = isolume(&["verify"]).arg(&store).output().unwrap();
