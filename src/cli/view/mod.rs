@@ -211,7 +211,7 @@ fn write_page(path: &std::path::Path, package: &Package, console: &Console) -> O
     let size = document.len();
     console.note(format!("{}: will be {}", path.display(), text::bytes(size as f64)));
     atomic::write(path, |w| w.write_all(document.as_bytes()).map_err(|e| Error::io(path, "write", e)))?;
-    console.print(format!("{}  {}", path.display(), text::bytes(size as f64)));
+    console.summary(format!("{}  {}", path.display(), text::bytes(size as f64)));
     console.print_json(&json!({
         "path": path.display().to_string(), "bytes": size, "texels": package.texels, "samples": package.samples,
         "valid_texels": package.valid_texels,
