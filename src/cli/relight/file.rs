@@ -23,9 +23,6 @@ use crate::volume::Volume;
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
 
-/// Standard error over the mean radiance above which a user is told.
-const MOST_NOISE: f64 = 0.2;
-
 /// What one file took.
 #[derive(Clone, Copy, Default)]
 pub(in crate::cli) struct Times {
@@ -170,11 +167,6 @@ impl Context<'_> {
             bytes: 0,
             what: String::new(),
         };
-        if written.rms_over_mean > MOST_NOISE {
-            let noise =
-                if written.rms_over_mean > 1.0 { "> 100 %".into() } else { text::percent(written.rms_over_mean) };
-            written.notes.push(format!("noise {noise} of the mean radiance: bake with more --rays"));
-        }
         let record = self.record(probe, &material, &written);
         let lit_radiance = lit.radiance;
         match written.target.format {
