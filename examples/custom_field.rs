@@ -37,13 +37,12 @@ fn main() -> isolume::Result<()> {
     let settings = Settings { layers, rays: 256, seed: 0, target: None, positive: false };
     let selection = texels_of_isosurface(&volume, layout.lattice, isovalue);
     let pyramid = Pyramid::new(&volume);
-    let request =
-        Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
+    let request = Bake::new(&volume, &pyramid, &layout, &settings, &selection);
 
     let mut texture = MemoryTexture::new(layout.clone());
-    bake(&request, &request.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, bricks| {
+    bake(&request, &request.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, mut groups| {
         const SIDE: usize = CHUNK / BRICK;
-        for (i, brick) in bricks.into_iter().enumerate().filter_map(|(i, b)| Some((i, b?))) {
+        for (i, brick) in groups.swap_remove(0).into_iter().enumerate().filter_map(|(i, b)| Some((i, b?))) {
             let inside = [i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE];
             texture.insert(std::array::from_fn(|a| chunk[a] * SIDE + inside[a]), brick)?;
         }

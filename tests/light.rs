@@ -39,8 +39,7 @@ impl Scene {
         let layout = Layout { lattice, layers: settings.layers.clone() };
         let selection = texels_of_isosurface(&volume, lattice, isovalue);
         let mut texture = MemoryTexture::new(layout.clone());
-        let job =
-            Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
+        let job = Bake::new(&volume, &pyramid, &layout, &settings, &selection);
         let bricks_along = lattice.bricks();
         bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, bricks| {
             for (b, brick) in bricks.into_iter().enumerate() {

@@ -196,8 +196,7 @@ fn the_bound_becomes_an_equality_on_the_bowl() {
             Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).expect("a lattice"), layers: layers.clone() };
         let settings = Settings { layers, rays: 64, seed: 3, target: None, positive: true };
         let selection = isolume::transfer::texels_of_isosurface(&volume, layout.lattice, 0.7);
-        let bake =
-            Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
+        let bake = Bake::new(&volume, &pyramid, &layout, &settings, &selection);
         pilot(&bake, 500).expect("a pilot")
     };
     let (few, many) = (of_layers(2), of_layers(16));

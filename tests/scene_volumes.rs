@@ -14,9 +14,7 @@ use isolume::scene::geometry::{Among, Finish, Geometry, Luminaire, LuminaireShap
 use isolume::scene::{Coupled, Coupling};
 use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{BRICK, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, validity};
-use isolume::transport::{
-    Progress, SceneBake, SceneCounts, SceneReference, SceneSettings, bake_scene, scene_radiance, trace_photons,
-};
+use isolume::transport::{Bake, Progress, SceneCounts, SceneReference, Settings, bake, scene_radiance, trace_photons};
 use isolume::volume::field::{Field, by_name, sample};
 use isolume::volume::{Samples, Volume};
 use program::Bench;
@@ -59,21 +57,21 @@ fn baked(volume: &Volume, geometry: &Geometry, isovalues: &[f64], rays: u32, lay
     let layers = Layers::uniform(layers, 2).expect("layers").coloured();
     let layout =
         Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).expect("a lattice"), layers: layers.clone() };
-    let settings = SceneSettings { layers, rays, seed: 5, caustics: true };
+    let settings = Settings { layers, rays, seed: 5, target: None, positive: false };
     let mut selection = Selection::empty(layout.lattice);
     isovalues.iter().for_each(|&c| selection.insert_all(&texels_of_isosurface(volume, layout.lattice, c)));
     let pyramid = Pyramid::new(volume);
     let (layout, settings, selection) = (&layout, &settings, &selection);
-    let request = SceneBake { volume, pyramid: &pyramid, geometry, layout, settings, selection };
+    let request = Bake::new(volume, &pyramid, layout, settings, selection).among(Some(geometry));
     let mut textures: Vec<MemoryTexture> =
         request.groups().iter().map(|g| MemoryTexture::new(g.layout(layout).expect("a layout"))).collect();
     let [cx, cy, cz] = layout.lattice.chunks();
     let chunks: Vec<[usize; 3]> = (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]).collect();
-    let summary = bake_scene(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
+    let summary = bake(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
         textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
     })
     .expect("a bake");
-    let (exponents, counts) = (request.geometry.exponents(request.volume), summary.counts);
+    let (exponents, counts) = (geometry.exponents(volume), summary.scene);
     Baked { volume: volume.clone(), textures, exponents, selection: selection.clone(), counts }
 }
 

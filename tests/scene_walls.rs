@@ -7,9 +7,7 @@ use isolume::relight::{Contracted, Light, LookupReport, LuminaireLight, Material
 use isolume::sampling::statistics::{Running, normal_two_sided, sidak};
 use isolume::scene::geometry::{Finish, Geometry, Luminaire, LuminaireShape, Shape, Wall};
 use isolume::transfer::{BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection};
-use isolume::transport::{
-    Progress, SceneBake, SceneReference, SceneSettings, SceneSummary, bake_scene, scene_radiance, trace_photons,
-};
+use isolume::transport::{Bake, Progress, SceneReference, Settings, Summary, bake, scene_radiance, trace_photons};
 use isolume::volume::Volume;
 use isolume::volume::field::{Field, by_name, sample};
 use std::f64::consts::PI;
@@ -39,33 +37,26 @@ struct Baked {
     textures: Vec<MemoryTexture>,
     exponents: Vec<i32>,
     selection: Selection,
-    summary: SceneSummary,
+    summary: Summary,
 }
 
 fn baked(volume: Volume, geometry: Geometry, isovalue: Option<f64>, rays: u32, layers: usize) -> Baked {
     let layers = Layers::uniform(layers, 2).expect("layers").coloured();
     let layout =
         Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).expect("a lattice"), layers: layers.clone() };
-    let settings = SceneSettings { layers, rays, seed: 5, caustics: true };
+    let settings = Settings { layers, rays, seed: 5, target: None, positive: false };
     let selection = match isovalue {
         Some(c) => isolume::transfer::texels_of_isosurface(&volume, layout.lattice, c),
         None => Selection::of_all_isosurfaces(layout.lattice, &volume),
     };
     let pyramid = Pyramid::new(&volume);
-    let request = SceneBake {
-        volume: &volume,
-        pyramid: &pyramid,
-        geometry: &geometry,
-        layout: &layout,
-        settings: &settings,
-        selection: &selection,
-    };
+    let request = Bake::new(&volume, &pyramid, &layout, &settings, &selection).among(Some(&geometry));
     let mut textures: Vec<MemoryTexture> =
         request.groups().iter().map(|g| MemoryTexture::new(g.layout(&layout).expect("a layout"))).collect();
     let [cx, cy, cz] = layout.lattice.chunks();
     let chunks: Vec<[usize; 3]> = (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]).collect();
-    let exponents = request.geometry.exponents(request.volume);
-    let summary = bake_scene(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
+    let exponents = geometry.exponents(&volume);
+    let summary = bake(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
         textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
     })
     .expect("a bake");

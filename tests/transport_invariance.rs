@@ -94,7 +94,7 @@ fn a_texel_that_stops_early_is_the_texel_of_a_bake_with_as_many_rays() {
         Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).unwrap(), layers: with_target.layers.clone() };
     let selection = Selection::empty(layout.lattice);
     let plain = Settings { target: None, ..with_target.clone() };
-    let job = Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &plain, selection: &selection };
+    let job = Bake::new(&volume, &pyramid, &layout, &plain, &selection);
     for ((t, rays), one) in stopped.iter().zip(estimates(&job, &stopped).unwrap()) {
         // The same paths in steps: only the order of the f32 sums differs, and what is stored is rounded to f16, by
         // half a unit, 2⁻¹¹.
@@ -125,7 +125,7 @@ fn threads_and_partition_change_no_bit() {
     let layout = Layout { lattice, layers: settings.layers.clone() };
     let mut selection = Selection::empty(lattice);
     texels.iter().for_each(|&t| selection.insert(t));
-    let job = Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
+    let job = Bake::new(&volume, &pyramid, &layout, &settings, &selection);
     let mut alone =
         Baked { texture: isolume::transfer::MemoryTexture::new(layout.clone()), summary: one.summary.clone() };
     for b in selection.bricks() {

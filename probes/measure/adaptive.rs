@@ -76,10 +76,10 @@ impl Scene {
         let settings = Settings { layers: layers.clone(), rays, seed, positive: false, target: target.map(target_of) };
         let volume = if target.is_some() { &self.volume } else { &self.traced };
         let (pyramid, layout, selection) = (&self.pyramid, &self.layout, &self.selection);
-        let job = Bake { volume, pyramid, layout, settings: &settings, selection };
+        let job = Bake::new(volume, pyramid, layout, &settings, selection);
         let mut texels = vec![None; self.order.len()];
         let (n, e) = (layers.coefficients(), layers.errors());
-        let summary = bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, bricks| {
+        let summary = bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
             let first = chunk.map(|c| 4 * BRICK * c);
             for (texel, &at) in self.order.range(first..) {
                 if (0..3).any(|a| texel[a] < first[a] || texel[a] >= first[a] + 4 * BRICK) {
@@ -92,7 +92,7 @@ impl Scene {
                 let [x, y, z] = inner.map(|i| i / BRICK);
                 let t = inner.map(|i| i % BRICK);
                 let t = t[0] + BRICK * (t[1] + BRICK * t[2]);
-                if let Some(brick) = &bricks[x + 4 * (y + 4 * z)]
+                if let Some(brick) = &groups[0][x + 4 * (y + 4 * z)]
                     && brick.validity[t] & validity::VALID != 0
                 {
                     let numbers = |v: &[half::f16]| v.iter().map(|x| x.to_f64()).collect::<Vec<_>>();

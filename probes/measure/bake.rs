@@ -34,7 +34,7 @@ fn main() -> isolume::Result<()> {
     let lattice = Lattice::from_ratio(volume.dims(), number(3, 1.0))?;
     let layout = Layout { lattice, layers: settings.layers.clone() };
     let selection = Selection::all(lattice);
-    let job = Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
+    let job = Bake::new(&volume, &pyramid, &layout, &settings, &selection);
     let start = Instant::now();
     let mut bytes = 0usize;
     let summary = bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |_, bricks| {

@@ -120,15 +120,15 @@ impl Subject {
     fn bake(&self, place: &Place, settings: &Settings) -> Option<(MemoryTexture, u64, bool)> {
         let layout = Layout { lattice: self.lattice, layers: settings.layers.clone() };
         let (volume, pyramid, selection) = (&self.volume, &self.pyramid, &place.selection);
-        let job = Bake { volume, pyramid, layout: &layout, settings, selection };
+        let job = Bake::new(volume, pyramid, &layout, settings, selection);
         let mut texture = MemoryTexture::new(layout.clone());
         let (mut equal, mut valid, mut texels) = (0, 0, 0);
         for index in selection.bricks() {
-            let output = bake_brick(&job, index).ok()?;
+            let mut output = bake_brick(&job, index).ok()?;
             equal += output.summary.degenerate;
-            valid += output.brick.validity.iter().filter(|&&v| v & validity::VALID != 0).count() as u64;
+            valid += output.bricks[0].validity.iter().filter(|&&v| v & validity::VALID != 0).count() as u64;
             texels += output.summary.texels;
-            texture.insert(index, output.brick).ok()?;
+            texture.insert(index, output.bricks.swap_remove(0)).ok()?;
         }
         Some((texture, texels - equal, valid == texels))
     }

@@ -69,7 +69,8 @@ impl Scene {
         let mut texture = MemoryTexture::new(self.layout.clone());
         let job = self.job(selection, settings);
         let start = cpu_seconds()?;
-        let mut sink = |chunk, bricks| keep(&mut texture, chunk, bricks);
+        let mut sink =
+            |chunk, groups: Vec<Vec<Option<isolume::transfer::Brick>>>| keep(&mut texture, chunk, groups.concat());
         let summary = bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut sink)?;
         Ok((texture, summary, cpu_seconds()? - start))
     }
@@ -80,13 +81,14 @@ impl Scene {
         let selection = Selection::all(self.layout.lattice);
         let job = self.job(&selection, settings);
         let start = cpu_seconds()?;
-        let mut sink = |chunk, bricks| keep(&mut texture, chunk, bricks);
+        let mut sink =
+            |chunk, groups: Vec<Vec<Option<isolume::transfer::Brick>>>| keep(&mut texture, chunk, groups.concat());
         let gathered = gather(&job, how, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut sink)?;
         Ok((texture, gathered, cpu_seconds()? - start))
     }
 
     fn job<'a>(&'a self, selection: &'a Selection, settings: &'a Settings) -> Bake<'a> {
-        Bake { volume: &self.volume, pyramid: &self.pyramid, layout: &self.layout, settings, selection }
+        Bake::new(&self.volume, &self.pyramid, &self.layout, settings, selection)
     }
 }
 

@@ -86,7 +86,7 @@ fn one(name: &str, side: usize, rays: u32, paths: u64) -> Result<(), Box<dyn Err
     let lattice = Lattice::from_ratio(volume.dims(), 1.0)?;
     let layout = Layout { lattice, layers };
     let selection = some_bricks(lattice, paths / u64::from(rays));
-    let job = Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
+    let job = Bake::new(&volume, &pyramid, &layout, &settings, &selection);
     let (wall, processor) = (Instant::now(), ProcessTime::now());
     let summary = bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |_, _| Ok(()))?;
     let (wall, cpu) = (wall.elapsed().as_secs_f64(), processor.elapsed().as_secs_f64());

@@ -57,7 +57,7 @@ fn paths_ns(volume: &Volume, pyramid: &Pyramid) -> f64 {
     let layout = Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).expect("legal"), layers: layers.clone() };
     let settings = Settings { layers, rays: 64, seed: 1, target: None, positive: false };
     let selection = Selection::of_all_isosurfaces(layout.lattice, volume);
-    let bake = Bake { volume, pyramid, layout: &layout, settings: &settings, selection: &selection };
+    let bake = Bake::new(volume, pyramid, &layout, &settings, &selection);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     pool.install(|| {
         let start = Instant::now();

@@ -15,7 +15,7 @@ use isolume::render::{Camera, Projection, View};
 use isolume::scene::Scene;
 use isolume::scene::geometry::Geometry;
 use isolume::transfer::{Lattice, Layers, Layout, MemoryTexture, Selection};
-use isolume::transport::{Progress, SceneBake, SceneReference, SceneSettings, bake_scene, scene_radiance};
+use isolume::transport::{Bake, Progress, SceneReference, Settings, bake, scene_radiance};
 use isolume::volume::{Samples, Volume, field};
 use std::path::Path;
 use std::time::Instant;
@@ -179,23 +179,23 @@ fn bake(volume: &Volume, pyramid: &Pyramid, geometry: &Geometry, rays: u32) -> i
     let layers = Layers::uniform(4, 1)?.coloured();
     let lattice = Lattice::from_ratio(volume.dims(), 1.0)?;
     let layout = Layout { lattice, layers: layers.clone() };
-    let settings = SceneSettings { layers, rays, seed: 0, caustics: true };
+    let settings = Settings { layers, rays, seed: 0, target: None, positive: false };
     let mut selection = Selection::empty(lattice);
     for isovalue in ISOVALUES {
         selection.insert_all(&isolume::transfer::texels_of_isosurface(volume, lattice, isovalue));
     }
     let (layout, selection) = (&layout, &selection);
-    let request = SceneBake { volume, pyramid, geometry, layout, settings: &settings, selection };
+    let request = Bake::new(volume, pyramid, layout, &settings, selection).among(Some(geometry));
     let mut textures = Vec::new();
     for group in request.groups() {
         textures.push(MemoryTexture::new(group.layout(layout)?));
     }
     let [cx, cy, cz] = lattice.chunks();
     let chunks: Vec<[usize; 3]> = (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]).collect();
-    bake_scene(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
+    bake(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
         textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
     })?;
-    Ok(Baked { exponents: request.geometry.exponents(request.volume), textures, lattice })
+    Ok(Baked { exponents: geometry.exponents(volume), textures, lattice })
 }
 
 impl Baked {

@@ -49,7 +49,7 @@ fn baked(volume: &Volume, pyramid: &Pyramid, selection: &Selection, layers: Laye
     let settings = Settings { layers, rays: 256, seed: 1, positive: false, target: None };
     let layout = Layout { lattice: *selection.lattice(), layers: settings.layers.clone() };
     let mut texture = MemoryTexture::new(layout.clone());
-    let job = Bake { volume, pyramid, layout: &layout, settings: &settings, selection };
+    let job = Bake::new(volume, pyramid, &layout, &settings, selection);
     bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, bricks| {
         for (b, brick) in bricks.into_iter().enumerate() {
             let inner = [b % 4, b / 4 % 4, b / 16];

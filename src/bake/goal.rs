@@ -7,7 +7,7 @@ use crate::level::Pyramid;
 use crate::sh::Coefficients;
 use crate::transfer::Selection;
 use crate::transfer::store::{Baked, ErrorTarget, Store};
-use crate::transport::{Bake, Settings, Target, pilot, radiance_weights, trial};
+use crate::transport::{Settings, Target, pilot, radiance_weights, trial};
 use serde_json::json;
 
 /// An environment that errors are measured by.
@@ -36,6 +36,9 @@ pub struct Goal {
 
 /// What `--error` without an environment is a standard error of, as it stands in stores.
 pub const ESCAPE: &str = "sum of a_k, and a_0";
+/// The same in a scene with luminaires, whose light is measured at albedo 0.7.
+pub const ESCAPE_AND_LUMINAIRES: &str = "sum of a_k, and a_0; light of luminaires over its mean";
+const ALBEDO: f32 = 0.7;
 /// Texels and rays of the trial that gives the mean radiance under an environment.
 const MEAN_TEXELS: u64 = 4096;
 const MEAN_RAYS: u32 = 64;
@@ -60,24 +63,41 @@ struct Kind<'a> {
     of: String,
     /// Weights of the lights over their mean radiance; none for Σ a_k and a_0.
     weights: Option<Vec<Vec<f32>>>,
+    /// Of each luminaire and layer, over the mean radiance.
+    luminaires: Vec<Vec<f32>>,
 }
 
 impl<'a> Kind<'a> {
     fn new(job: &'a Request<'a>, pyramid: &Pyramid) -> Result<Self> {
-        let Some(light) = &job.goal.light else {
-            return Ok(Self { job, of: ESCAPE.into(), weights: None });
-        };
+        let luminaires = job.geometry.map_or(0, |geometry| geometry.luminaires().len());
+        if job.goal.light.is_none() && luminaires == 0 {
+            return Ok(Self { job, of: ESCAPE.into(), weights: None, luminaires: Vec::new() });
+        }
         let layers = &job.layout.layers;
-        let narrow = |c: &Coefficients| c.values().iter().map(|&v| v as f32).collect::<Vec<_>>();
-        let lights: Vec<Vec<f32>> = light.light.iter().map(narrow).collect();
         // The mean over all isosurfaces, whichever were asked for, so that those asked for later agree.
         let settings = Settings { rays: MEAN_RAYS, target: None, ..job.settings.clone() };
         let selection = Selection::of_all_isosurfaces(job.layout.lattice, job.volume);
-        let request =
-            Bake { volume: job.volume, pyramid, layout: &job.layout, settings: &settings, selection: &selection };
-        let found = pilot(&request, MEAN_TEXELS)?;
+        let found = pilot(&job.bake(pyramid, &settings, &selection), MEAN_TEXELS)?;
+        let exponents = job.geometry.map_or(Vec::new(), |geometry| geometry.exponents(job.volume));
+        let powers: Vec<f64> = exponents.iter().map(|&e| libm::ldexp(1.0, e)).collect();
+        let weights_of_luminaires = |albedo: f32, mean: f64| -> Vec<Vec<f32>> {
+            let of_layers = |power: f64| {
+                let each = std::iter::successors(Some(power * f64::from(albedo)), |w| Some(w * f64::from(albedo)));
+                each.take(layers.len()).map(|w| if mean > 0.0 { (w / mean) as f32 } else { 0.0 }).collect()
+            };
+            powers.iter().map(|&power| of_layers(power)).collect()
+        };
+        let mean_of_luminaires = |albedo: f32| -> f64 {
+            powers.iter().enumerate().map(|(l, power)| power * found.mean_of_luminaire(l, f64::from(albedo))).sum()
+        };
+        let Some(light) = &job.goal.light else {
+            let luminaires = weights_of_luminaires(ALBEDO, mean_of_luminaires(ALBEDO));
+            return Ok(Self { job, of: ESCAPE_AND_LUMINAIRES.into(), weights: None, luminaires });
+        };
+        let narrow = |c: &Coefficients| c.values().iter().map(|&v| v as f32).collect::<Vec<_>>();
+        let lights: Vec<Vec<f32>> = light.light.iter().map(narrow).collect();
         let of_channel = |l: &Vec<f32>| found.mean_of(&radiance_weights(layers, l, light.albedo, 1.0));
-        let mean = lights.iter().map(of_channel).sum::<f64>() / 3.0;
+        let mean = lights.iter().map(of_channel).sum::<f64>() / 3.0 + mean_of_luminaires(light.albedo);
         if mean.is_nan() || mean <= 0.0 {
             let found = format!("{}, which lights no texel (mean radiance {mean:.3e})", light.name);
             let remedy = "give another one, or measure errors without an environment";
@@ -91,13 +111,13 @@ impl<'a> Kind<'a> {
         }
         let digits = &hash.finalize().to_hex()[..16];
         let of = format!("radiance over its mean under {}, albedo {} ({digits})", light.name_in_store, light.albedo);
-        Ok(Self { job, of, weights: Some(weights) })
+        Ok(Self { job, of, weights: Some(weights), luminaires: weights_of_luminaires(light.albedo, mean) })
     }
 
     fn target(&self, error: f32) -> Target {
         match &self.weights {
-            None => Target::escape(&self.job.layout.layers, error),
-            Some(weights) => Target { weights: weights.clone(), error },
+            None => Target { luminaires: self.luminaires.clone(), ..Target::escape(&self.job.layout.layers, error) },
+            Some(weights) => Target { weights: weights.clone(), luminaires: self.luminaires.clone(), error },
         }
     }
 
@@ -107,9 +127,15 @@ impl<'a> Kind<'a> {
     }
 }
 
-/// The target of `--error` alone, as it stands in stores.
-pub(super) fn escape(error: f32) -> ErrorTarget {
-    ErrorTarget { error: shortest(error), of: ESCAPE.into() }
+/// The target of an error without an environment, as it stands in stores.
+pub(super) fn without_light(error: f32, has_luminaires: bool) -> ErrorTarget {
+    let of = if has_luminaires { ESCAPE_AND_LUMINAIRES } else { ESCAPE };
+    ErrorTarget { error: shortest(error), of: of.into() }
+}
+
+/// Whether a target needs no environment.
+pub(super) fn is_without_light(target: &ErrorTarget) -> bool {
+    [ESCAPE, ESCAPE_AND_LUMINAIRES].contains(&target.of.as_str())
 }
 
 /// The decimal number that a user would write for it.
@@ -186,9 +212,8 @@ impl Request<'_> {
         let measure = |error: f64, count: usize| -> Result<f64> {
             let picked: Vec<[usize; 3]> = spread(&bricks, count);
             let settings = Settings { target: Some(kind.target(error as f32)), ..self.settings.clone() };
-            let request = Bake { volume: self.volume, pyramid, layout: &self.layout, settings: &settings, selection };
             let before = observer.seconds();
-            let texels = trial(&request, &picked)?.texels;
+            let texels = trial(&self.bake(pyramid, &settings, selection), &picked)?.texels;
             Ok((observer.seconds() - before) / texels.max(1) as f64)
         };
         if bricks.is_empty() {

@@ -3,7 +3,7 @@
 use super::Goal;
 use crate::scene::Plan;
 use crate::transfer::store::ErrorTarget;
-use crate::transport::{Bias, PhotonMap, SceneSummary, Summary};
+use crate::transport::{Bias, PhotonMap, Summary};
 use serde::Serialize;
 
 /// What a bake did and how long it took; seconds are those of the [`super::Observer`].
@@ -34,8 +34,6 @@ pub struct Report {
     pub bias: Option<Bias>,
     /// Of the estimator `photon`.
     pub photons: Option<PhotonReport>,
-    /// Of a scene with walls or luminaires.
-    pub scene: Option<SceneSummary>,
     /// Until the first texel.
     pub prepare_seconds: f64,
     /// Estimation.

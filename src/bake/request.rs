@@ -209,6 +209,17 @@ impl Request<'_> {
         GatherSettings { memory_limit: self.memory_limit.unwrap_or(default.memory_limit), ..default }
     }
 
+    /// What the estimators read.
+    pub(super) fn bake<'b>(
+        &'b self,
+        pyramid: &'b Pyramid,
+        settings: &'b Settings,
+        selection: &'b Selection,
+    ) -> Bake<'b> {
+        let caustics = self.effects.switched("caustics") != Some(false);
+        Bake { caustics, ..Bake::new(self.volume, pyramid, &self.layout, settings, selection).among(self.geometry) }
+    }
+
     /// The texels that the isovalues asked for need.
     pub fn selection(&self) -> Selection {
         self.selection_on(self.layout.lattice)
@@ -227,7 +238,10 @@ impl Request<'_> {
         if path.symlink_metadata().is_err() {
             return Ok(self.selection().len());
         }
-        let target = self.goal.error.map(goal::escape);
+        let target = self
+            .goal
+            .error
+            .map(|error| goal::without_light(error, self.geometry.is_some_and(|g| !g.luminaires().is_empty())));
         let store = match Store::open(path) {
             Ok(store) => store,
             // The bake mends it first.
@@ -330,8 +344,7 @@ impl Request<'_> {
 
     fn pilot_of_volume(&self, pyramid: &Pyramid, selection: &Selection) -> Result<scenes::Pilot> {
         let settings = Settings { rays: PILOT_RAYS, target: None, ..self.settings.clone() };
-        let (volume, layout) = (self.volume, &self.layout);
-        let trial = pilot(&Bake { volume, pyramid, layout, settings: &settings, selection }, PILOT_TEXELS)?;
+        let trial = pilot(&self.bake(pyramid, &settings, selection), PILOT_TEXELS)?;
         Ok(scenes::Pilot {
             texels: trial.texels,
             valid: trial.valid,

@@ -2,15 +2,15 @@
 
 use super::observer::{Observer, Task};
 use super::pending::{Part, Pending, texels_in};
+use super::repair;
 use super::report::{GoalRecord, PhotonReport, Report};
 use super::request::{Estimator, Request};
-use super::{repair, scene};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
+use crate::transfer::Selection;
 use crate::transfer::store::{ChunkExtent, Store, StoreLock, StoreOptions};
-use crate::transfer::{Brick, Selection};
 use crate::transport::{
-    Bake, PhotonMap, Progress, Settings, Summary, Target, bake, gather, photon_bake_from, photon_bake_map,
+    ChunkBricks, PhotonMap, Progress, Settings, Summary, Target, bake, gather, photon_bake_from, photon_bake_map,
 };
 use serde_json::Value;
 use std::path::Path;
@@ -131,12 +131,12 @@ fn photon_map(
     observer: &dyn Observer,
     report: &mut Report,
 ) -> Result<Option<PhotonMap>> {
-    if job.estimator != Estimator::Photon || job.geometry.is_some() {
+    if job.estimator != Estimator::Photon {
         return Ok(None);
     }
     let (asked, start, progress) = (job.photons(), observer.seconds(), Progress::default());
     let selection = Selection::empty(job.layout.lattice);
-    let request = Bake { volume: job.volume, pyramid, layout: &job.layout, settings, selection: &selection };
+    let request = job.bake(pyramid, settings, &selection);
     let sent = u64::from(asked.photons);
     let mut made = Ok(None);
     observer.watch(Task::Photons, sent, &progress, &mut || made = photon_bake_map(&request, &asked, &progress));
@@ -159,17 +159,25 @@ fn bake_part(
     observer: &dyn Observer,
     report: &mut Report,
 ) -> Result<()> {
-    if let Some(geometry) = job.geometry {
-        return scene::bake_part(job, geometry, pyramid, store, settings, part, progress, observer, report);
-    }
-    let request = Bake { volume: job.volume, pyramid, layout: &job.layout, settings, selection: &part.selection };
-    let present = |chunk: [usize; 3]| Ok(store.read_chunk(chunk)?.map(|(bricks, _)| bricks));
+    let request = job.bake(pyramid, settings, &part.selection);
+    // The environment last: a chunk is there when its texture is.
+    let stores = request.groups().iter().map(|group| store.group(group)).collect::<Result<Vec<_>>>()?;
+    let present = |chunk: [usize; 3]| {
+        let mut all: ChunkBricks = Vec::with_capacity(stores.len());
+        for store in &stores {
+            let Some((bricks, _)) = store.read_chunk(chunk)? else { return Ok(None) };
+            all.push(bricks);
+        }
+        Ok(Some(all))
+    };
     let (mut write, mut baked) = (0.0, 0);
-    let mut sink = |chunk: [usize; 3], bricks: Vec<Option<Brick>>| {
+    let mut sink = |chunk: [usize; 3], groups: ChunkBricks| {
         let before = observer.seconds();
         let mut extent: ChunkExtent = store.chunk_extent(chunk)?.unwrap_or_default();
         part.claims.iter().for_each(|claim| extent.add(claim.clone()));
-        store.write_chunk(chunk, bricks, &extent)?;
+        for (store, bricks) in stores.iter().zip(groups).rev() {
+            store.write_chunk(chunk, bricks, &extent)?;
+        }
         write += observer.seconds() - before;
         baked += 1;
         if observer.wants_stop() {

@@ -132,14 +132,14 @@ impl Told for Report {
             rows.insert(1, vec!["photons".into(), photons_line(photons)]);
         }
         // Among walls the chances are not those of the volume alone.
-        rows.retain(|row| self.scene.is_none() || row[0] != "mean a_k");
+        rows.retain(|row| !is_scene(self) || row[0] != "mean a_k");
         // Where no path reaches the environment there is no noise of it.
         rows.retain(|row| s.errors.quantile(1.0) > 0.0 || row[0] != "noise");
         text::table(&rows)
     }
 
     fn cut_paths(&self) -> Option<String> {
-        let counts = &self.scene.as_ref()?.counts;
+        let counts = &self.summary.scene;
         let share = (counts.lost_specular + counts.lost_turns) as f64 / self.summary.paths.max(1) as f64;
         (share > MOST_CUT).then(|| {
             format!(
@@ -190,6 +190,11 @@ impl Told for Report {
     }
 }
 
+/// Whether something stood around the volume.
+fn is_scene(report: &Report) -> bool {
+    !report.summary.gains.is_empty()
+}
+
 /// The albedo that the bound is stated for.
 fn albedo(report: &Report) -> f64 {
     f64::from(report.albedo.unwrap_or(0.7))
@@ -198,13 +203,8 @@ fn albedo(report: &Report) -> f64 {
 /// What layers beyond the stored ones can add, known now.
 fn bound_line(report: &Report) -> String {
     let albedo = albedo(report);
-    let (bound, error) = match &report.scene {
-        Some(scene) => (scene.bound(albedo), String::new()),
-        None => {
-            let (bound, error) = report.summary.bound(albedo);
-            (bound, format!(" ± {}", text::percent(error)))
-        }
-    };
+    let (bound, error) = report.summary.bound(albedo);
+    let error = error.map_or(String::new(), |error| format!(" ± {}", text::percent(error)));
     format!(
         "at albedo {albedo:.2} layers beyond the stored ones add at most {}{error} of the brightest light, in the mean; \
          the tail puts an estimate of it in",
@@ -214,29 +214,25 @@ fn bound_line(report: &Report) -> String {
 
 fn bound_json(report: &Report) -> Value {
     let albedo = albedo(report);
-    let (bound, error) = match &report.scene {
-        Some(scene) => (scene.bound(albedo), None),
-        None => (report.summary.bound(albedo).0, Some(report.summary.bound(albedo).1)),
-    };
+    let (bound, error) = report.summary.bound(albedo);
     json!({ "albedo": albedo, "bound": bound, "stderr": error })
 }
 
 /// First rays of all paths, and the rays that came after: bounces, and with `gather` what fills and checks its cache.
 fn rays_by_effect(report: &Report) -> [u64; 2] {
     let s = &report.summary;
-    match &report.scene {
-        Some(scene) => [s.paths, scene.counts.path_rays.saturating_sub(s.paths + scene.counts.wall_rays_started())],
-        None => [s.paths, s.counts.rays.saturating_sub(s.paths)],
+    match is_scene(report) {
+        true => [s.paths, s.scene.path_rays.saturating_sub(s.paths + s.scene.wall_rays_started())],
+        false => [s.paths, s.counts.rays.saturating_sub(s.paths)],
     }
 }
 
 fn effects_line(report: &Report) -> String {
     let [first, later] = rays_by_effect(report).map(|n| text::metric(n as f64));
     let s = &report.summary;
-    if let Some(scene) = &report.scene {
-        let [walls, lights] =
-            [scene.counts.wall_rays_started(), scene.counts.light_rays].map(|n| text::metric(n as f64));
-        let c = &scene.counts;
+    if is_scene(report) {
+        let c = &s.scene;
+        let [walls, lights] = [c.wall_rays_started(), c.light_rays].map(|n| text::metric(n as f64));
         let partners = match c.partner_rays + c.buried {
             0 => String::new(),
             _ => format!(
@@ -271,7 +267,7 @@ fn effects_json(report: &Report) -> Value {
     let [first, later] = rays_by_effect(report);
     let s = &report.summary;
     // Where texels stop at an error, nobody knows how many they would have got.
-    let counts = report.scene.as_ref().map(|scene| scene.counts).unwrap_or_default();
+    let counts = &s.scene;
     let saved = report.target.is_none().then(|| s.open * u64::from(report.rays));
     json!({
         "shadowing": { "rays": first, "open_texels": s.open, "first_rays_saved": saved },
@@ -337,7 +333,7 @@ fn photons_json(photons: &PhotonReport) -> Value {
 
 /// What the standard errors of a report are of.
 fn of_text(target: Option<&ErrorTarget>) -> String {
-    target.map_or("Σ a_k".into(), |t| if t.of == ESCAPE { "Σ a_k and a_0".into() } else { t.of.clone() })
+    target.map_or("Σ a_k".into(), |t| t.of.replace(ESCAPE, "Σ a_k and a_0"))
 }
 
 fn duration(seconds: f64) -> Duration {

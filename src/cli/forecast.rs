@@ -96,7 +96,7 @@ pub(super) fn pilots(
         for (seconds, rays) in seconds_per_texel.iter_mut().zip(RAYS) {
             let settings = Settings { layers: q.layers.clone(), rays, seed: q.seed, target: None, positive: false };
             let (volume, pyramid) = (q.volume, q.pyramid);
-            let job = Bake { volume, pyramid, layout: &layout, settings: &settings, selection: &selection };
+            let job = Bake::new(volume, pyramid, &layout, &settings, &selection);
             let clock = ProcessTime::now();
             let texels = trial(&job, &bricks)?.texels;
             *seconds = clock.elapsed().as_secs_f64() / texels.max(1) as f64;

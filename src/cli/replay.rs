@@ -32,7 +32,7 @@ pub(super) fn run(
     }
     let pyramid = Pyramid::new(volume);
     let selection = one_texel(layout, texel);
-    let bake = Bake { volume, pyramid: &pyramid, layout, settings, selection: &selection };
+    let bake = Bake::new(volume, &pyramid, layout, settings, &selection);
     let output = bake_brick(&bake, texel.map(|t| t / BRICK))?;
     let item = texel[0] + m[0] * (texel[1] + m[1] * texel[2]);
     let found: Option<(Site, Vec<ReplayedPath>)> = with_samples!(volume.samples(), s => {
@@ -50,8 +50,8 @@ pub(super) fn run(
     let inner = inner[0] + BRICK * (inner[1] + BRICK * inner[2]);
     let (coefficients, errors) = (layout.layers.coefficients(), layout.layers.errors());
     let transfer: Vec<f32> =
-        output.brick.transfer[inner * coefficients..][..coefficients].iter().map(|v| v.to_f32()).collect();
-    let stderr: Vec<f32> = output.brick.stderr[inner * errors..][..errors].iter().map(|v| v.to_f32()).collect();
+        output.bricks[0].transfer[inner * coefficients..][..coefficients].iter().map(|v| v.to_f32()).collect();
+    let stderr: Vec<f32> = output.bricks[0].stderr[inner * errors..][..errors].iter().map(|v| v.to_f32()).collect();
     let isovalue = volume.value_from_raw(f64::from(site.isovalue));
     if console.is_json() {
         let paths: Vec<_> = paths.iter().map(path_json).collect();

@@ -21,7 +21,7 @@ use crate::study::{Measured, References, Setting, Study as Bench};
 use crate::transfer::precision::bytes_of_texel;
 use crate::transfer::texels_of_isosurface;
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, MemoryTexture, Precision, Steps};
-use crate::transport::{Bake, GatherSettings, PhotonBake, Progress, Settings, bake, gather, photon_bake};
+use crate::transport::{Bake, ChunkBricks, GatherSettings, PhotonBake, Progress, Settings, bake, gather, photon_bake};
 use crate::volume::Volume;
 use cpu_time::ProcessTime;
 use report::{csv, forecast_json, forecasts, iso_json, iso_table, kept_json, kept_table, row_json, table};
@@ -355,15 +355,9 @@ fn bake_once(bench: &Bench<'_>, setting: &Setting, seed: u64) -> Outcome<Baked> 
     let layout = Layout { lattice, layers: layers.clone() };
     let selection = texels_of_isosurface(bench.volume, lattice, bench.isovalue);
     let settings = Settings { layers, rays: setting.rays, seed, target: None, positive: false };
-    let job = Bake {
-        volume: bench.volume,
-        pyramid: bench.pyramid,
-        layout: &layout,
-        settings: &settings,
-        selection: &selection,
-    };
+    let job = Bake::new(bench.volume, bench.pyramid, &layout, &settings, &selection);
     let mut texture = MemoryTexture::new(layout.clone());
-    let mut keep = |chunk: [usize; 3], bricks| texture.insert_chunk(chunk, bricks);
+    let mut keep = |chunk: [usize; 3], mut groups: ChunkBricks| texture.insert_chunk(chunk, groups.swap_remove(0));
     let (chunks, progress) = (job.chunks(), Progress::default());
     let (wall, cpu) = (Instant::now(), ProcessTime::now());
     let summary = match setting.estimator {

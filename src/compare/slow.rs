@@ -32,9 +32,9 @@ pub(super) fn interpolated(q: &Question<'_>, stored: &[[f64; 3]]) -> Result<[Vec
         let wanted: Vec<([usize; 3], u32)> =
             texels.iter().filter(|(_, n)| **n > 0).map(|(t, n)| (*t, rays(*n))).collect();
         let selection = Selection::empty(layout.lattice);
-        let bake = Bake { volume: q.volume, pyramid: q.pyramid, layout, settings, selection: &selection };
+        let bake = Bake::new(q.volume, q.pyramid, layout, settings, &selection);
         let found = estimates(&bake, &wanted)?;
-        let valid = wanted.iter().zip(found).filter_map(|((texel, _), found)| Some((*texel, found?)));
+        let valid = wanted.iter().zip(found).filter_map(|((texel, _), found)| Some((*texel, found?.swap_remove(0))));
         Ok(valid.map(|(texel, found)| (texel, of_texel(&layout.layers, &found, q))).collect())
     };
     let other_seed = key(q.seed, 0x7465_7865_6c73);

@@ -6,7 +6,7 @@ use crate::sampling::hash::uniform;
 use crate::surface::extract_with_normals;
 use crate::transfer::{Layers, Layout, MemoryTexture};
 use crate::transport::{
-    Bake, Isovalues, PhotonLight, PhotonLightSettings, PhotonSearch, PhotonSettings, Progress, bake,
+    Bake, ChunkBricks, Isovalues, PhotonLight, PhotonLightSettings, PhotonSearch, PhotonSettings, Progress, bake,
 };
 use crate::volume::field;
 use crate::volume::{Samples, Volume};
@@ -158,15 +158,9 @@ fn bake_store(scene: &Scene, rays: u32) -> (MemoryTexture, Settings) {
     };
     let settings = Settings { layers: layout.layers.clone(), rays, seed: 1, target: None, positive: false };
     let selection = texels_of_isosurface(&scene.volume, layout.lattice, scene.isovalue);
-    let job = Bake {
-        volume: &scene.volume,
-        pyramid: &scene.pyramid,
-        layout: &layout,
-        settings: &settings,
-        selection: &selection,
-    };
+    let job = Bake::new(&scene.volume, &scene.pyramid, &layout, &settings, &selection);
     let mut texture = MemoryTexture::new(layout.clone());
-    let mut keep = |chunk, bricks| texture.insert_chunk(chunk, bricks);
+    let mut keep = |chunk, mut groups: ChunkBricks| texture.insert_chunk(chunk, groups.swap_remove(0));
     bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut keep).unwrap();
     (texture, settings)
 }

@@ -166,8 +166,9 @@ impl Study<'_> {
         let wanted: Vec<([usize; 3], u32)> = distinct.into_keys().map(|texel| (texel, settings.rays)).collect();
         let selection = Selection::empty(layout.lattice);
         let (volume, pyramid) = (self.volume, self.pyramid);
-        let found = estimates(&Bake { volume, pyramid, layout, settings, selection: &selection }, &wanted)?;
-        let valid = wanted.iter().zip(found).filter_map(|((texel, _), found)| Some((*texel, found?.transfer)));
+        let found = estimates(&Bake::new(volume, pyramid, layout, settings, &selection), &wanted)?;
+        let valid =
+            wanted.iter().zip(found).filter_map(|((texel, _), found)| Some((*texel, found?.swap_remove(0).transfer)));
         Ok(valid.collect())
     }
 

@@ -57,10 +57,10 @@ fn baked(study: &Study<'_>, settings: &Settings, ratio: f64) -> MemoryTexture {
     let layout = Layout { lattice, layers: settings.layers.clone() };
     let selection = texels_of_isosurface(study.volume, lattice, study.isovalue);
     let (volume, pyramid) = (study.volume, study.pyramid);
-    let job = Bake { volume, pyramid, layout: &layout, settings, selection: &selection };
+    let job = Bake::new(volume, pyramid, &layout, settings, &selection);
     let mut texture = MemoryTexture::new(layout.clone());
-    bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, bricks| {
-        texture.insert_chunk(chunk, bricks)
+    bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, mut groups| {
+        texture.insert_chunk(chunk, groups.swap_remove(0))
     })
     .unwrap();
     texture

@@ -2,26 +2,33 @@
 //! pure function of (seed, texel, replicate, bounce, path), so the bytes do not depend on threads or
 //! on which chunks are baked together.
 
-use super::chunks::for_each_chunk;
-use super::open::{Openness, unoccluded};
+use super::chunks::{BRICKS, for_each_chunk};
+use super::estimator::{Alone, BrickOutput, Estimator, Fate, WithinLevelSet, brick_of, estimates_of, item_of};
+use super::open::Openness;
 use super::path::{Scratch, Settings, TexelEstimate, estimate};
+use super::scene_path::{Among, needs_photons};
 use super::summary::Summary;
+use super::sums::Real;
 use crate::error::{Error, Result};
 use crate::level::{Counts, LevelField, Pyramid, Site};
-use crate::transfer::{BRICK, BRICK_TEXELS, Brick, Layout, Selection, validity};
+use crate::scene::geometry::Geometry;
+use crate::transfer::{Brick, Group, Layers, Layout, Selection};
 use crate::volume::{Sample, Volume, with_samples};
-use half::f16;
-use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Everything a bake reads.
+#[derive(Clone, Copy)]
 pub struct Bake<'a> {
     /// The volume.
     pub volume: &'a Volume,
     /// Its pyramid.
     pub pyramid: &'a Pyramid,
-    /// Lattice and layers of the texture; the layers are those of `settings`.
+    /// What stands around it; then the layers are coloured, and there is a texture for each of [`Self::groups`].
+    pub geometry: Option<&'a Geometry>,
+    /// Whether light of luminaires counts that reaches a diffuse surface by way of mirrors or glass.
+    pub caustics: bool,
+    /// Lattice and layers of the texture of the environment; the layers are those of `settings`.
     pub layout: &'a Layout,
     /// Estimator settings.
     pub settings: &'a Settings,
@@ -44,21 +51,40 @@ pub struct Progress {
     pub cancel: AtomicBool,
 }
 
-/// What there is of a chunk before a bake: its 64 bricks, x fastest; `None` if nothing.
-pub type Present<'a, Bricks = Vec<Option<Brick>>> = dyn Fn([usize; 3]) -> Result<Option<Bricks>> + Sync + 'a;
+/// The 64 bricks of a chunk (x fastest, `None` where nothing is baked) for each group, in the order of [`Bake::groups`]: one
+/// for a volume alone.
+pub type ChunkBricks = Vec<Vec<Option<Brick>>>;
+
+/// What there is of a chunk before a bake; `None` if nothing.
+pub type Present<'a> = dyn Fn([usize; 3]) -> Result<Option<ChunkBricks>> + Sync + 'a;
 
 /// Who takes a chunk when it is done. Called for one chunk at a time, but from any thread.
-pub type Sink<'a, Bricks = Vec<Option<Brick>>> = dyn FnMut([usize; 3], Bricks) -> Result<()> + Send + 'a;
+pub type Sink<'a> = dyn FnMut([usize; 3], ChunkBricks) -> Result<()> + Send + 'a;
 
-/// A baked brick and what it cost.
-pub struct BrickOutput {
-    /// The texels.
-    pub brick: Brick,
-    /// Its totals.
-    pub summary: Summary,
-}
+impl<'a> Bake<'a> {
+    /// A bake of a volume alone.
+    pub fn new(
+        volume: &'a Volume,
+        pyramid: &'a Pyramid,
+        layout: &'a Layout,
+        settings: &'a Settings,
+        selection: &'a Selection,
+    ) -> Self {
+        Self { volume, pyramid, geometry: None, caustics: true, layout, settings, selection }
+    }
 
-impl Bake<'_> {
+    /// The same among walls, luminaires and other volumes.
+    pub fn among(self, geometry: Option<&'a Geometry>) -> Self {
+        Self { geometry, ..self }
+    }
+
+    /// The groups that are filled: the environment, and among walls and other volumes emission and each luminaire.
+    pub fn groups(&self) -> Vec<Group> {
+        let Some(geometry) = self.geometry else { return vec![Group::Environment] };
+        let luminaires = geometry.luminaires().iter().map(|l| Group::Luminaire(l.name.clone()));
+        [Group::Environment, Group::Emission].into_iter().chain(luminaires).collect()
+    }
+
     pub(super) fn check(&self) -> Result<()> {
         self.volume.check_cells()?;
         if !self.settings.rays.is_power_of_two() || self.settings.rays < super::REPLICATES as u32 {
@@ -67,6 +93,30 @@ impl Bake<'_> {
                 self.settings.rays,
                 "a power of two, at least 4",
                 "16 is a preview, 64 a draft, 256 final, 4096 a reference",
+            ));
+        }
+        match self.geometry {
+            Some(geometry) => self.check_scene(geometry),
+            None => Ok(()),
+        }
+    }
+
+    fn check_scene(&self, geometry: &Geometry) -> Result<()> {
+        if self.settings.layers.channels() != 3 || self.settings.layers != self.layout.layers {
+            let remedy = "make them with Layers::coloured";
+            return Err(Error::argument("layers", "grey ones", "the three channels of a scene", remedy));
+        }
+        if self.caustics
+            && let [first, ..] = needs_photons(geometry).as_slice()
+        {
+            let remedy = "use a small sphere or rectangle instead, or leave its caustics out: --effects -caustics";
+            let found =
+                format!("{first}, a point or parallel light, beside glass or mirrors that are not flat, or many");
+            return Err(Error::argument(
+                "caustics",
+                found,
+                "luminaires with an area, or up to six flat mirrors",
+                remedy,
             ));
         }
         Ok(())
@@ -80,6 +130,27 @@ impl Bake<'_> {
     }
 }
 
+/// Runs a block for the path tracer that a bake asks for: within the level set, or among what stands around it.
+macro_rules! with_path_tracer {
+    ($bake:expr, $openness:path, $estimator:ident => $body:expr) => {{
+        let bake: &Bake<'_> = $bake;
+        with_samples!(bake.volume.samples(), s => {
+            let field = LevelField::new(bake.volume, s, bake.pyramid);
+            match bake.geometry {
+                Some(geometry) => {
+                    let $estimator = Among::new(bake, &field, geometry)?;
+                    $body
+                }
+                None => {
+                    let (estimate, openness) = (by_path(&field, bake), $openness(bake.volume, &field));
+                    let $estimator = Alone { field: &field, openness, settings: bake.settings, estimate: &estimate };
+                    $body
+                }
+            }
+        })
+    }};
+}
+
 /// Bakes the selected texels, chunk after chunk, and hands each chunk's 4³ bricks (x fastest, `None`
 /// where nothing is selected) to `sink` as soon as the last is done. Chunks are begun in the order given.
 ///
@@ -87,7 +158,8 @@ impl Bake<'_> {
 /// than they get now are replaced: a texel never gets worse.
 ///
 /// # Errors
-/// Those of the sink; rays that are not a power of two of at least 4; a volume without cells.
+/// Those of the sink; rays that are not a power of two of at least 4; a volume without cells; among walls grey layers, and
+/// caustics that would need photons ([`needs_photons`]).
 pub fn bake(
     bake: &Bake<'_>,
     chunks: &[[usize; 3]],
@@ -96,16 +168,10 @@ pub fn bake(
     sink: &mut Sink<'_>,
 ) -> Result<Summary> {
     bake.check()?;
-    with_samples!(bake.volume.samples(), s => {
-        let field = LevelField::new(bake.volume, s, bake.pyramid);
-        run(&field, bake, &by_path(&field, bake), chunks, progress, present, sink)
-    })
+    with_path_tracer!(bake, Openness::of, estimator => fill(&estimator, bake, chunks, progress, present, sink))
 }
 
-/// What an estimator does for one texel: its site and its linear index in the lattice are given.
-pub(super) type Estimator<'a> = dyn Fn(&Site, u64, &mut Scratch, &mut Counts, &mut TexelEstimate) + Sync + 'a;
-
-/// The default estimator.
+/// The path tracer within a level set.
 fn by_path<'a, T: Sample>(
     field: &'a LevelField<'_, T>,
     bake: &'a Bake<'_>,
@@ -113,145 +179,129 @@ fn by_path<'a, T: Sample>(
     |site, item, scratch, counts, out| estimate(field, site, item, bake.settings, scratch, counts, out)
 }
 
-/// The loop over chunks, for any estimator.
-pub(super) fn run<T: Sample>(
+/// The loop over chunks for an estimator within the level set.
+pub(super) fn fill_alone<T: Sample>(
     field: &LevelField<'_, T>,
     bake: &Bake<'_>,
-    estimator: &Estimator<'_>,
+    estimate: &WithinLevelSet<'_>,
     chunks: &[[usize; 3]],
     progress: &Progress,
     present: &Present<'_>,
     sink: &mut Sink<'_>,
 ) -> Result<Summary> {
-    let openness = Openness::of(bake.volume, field);
-    let work = |scratch: &mut Scratch, before: &Option<Vec<Option<Brick>>>, index: [usize; 3], slot: usize| {
-        let old = before.as_ref().and_then(|bricks| bricks.get(slot)?.as_ref());
+    let estimator = Alone { field, openness: Openness::of(bake.volume, field), settings: bake.settings, estimate };
+    fill(&estimator, bake, chunks, progress, present, sink)
+}
+
+/// The loop over chunks, for any estimator.
+fn fill<E: Estimator>(
+    estimator: &E,
+    bake: &Bake<'_>,
+    chunks: &[[usize; 3]],
+    progress: &Progress,
+    present: &Present<'_>,
+    sink: &mut Sink<'_>,
+) -> Result<Summary> {
+    let layers: &[Layers] = estimator.layers();
+    let work = |scratch: &mut E::Scratch, before: &Option<ChunkBricks>, index: [usize; 3], slot: usize| {
+        let of_slot = |all: &ChunkBricks| all.iter().map(|group| group.get(slot).cloned().flatten()).collect();
+        let old: Option<Vec<Brick>> = before.as_ref().and_then(of_slot);
         if !bake.selection.touches_brick(index) {
-            return old.map(|brick| BrickOutput { brick: brick.clone(), summary: Summary::default() });
+            return old.map(|bricks| BrickOutput { bricks, summary: Summary::default() });
         }
-        let output = brick_with(field, bake, &openness, estimator, index, old, scratch);
+        let output = brick_of(estimator, bake, index, old, scratch);
         progress.texels.fetch_add(output.summary.texels, Ordering::Relaxed);
         progress.rays.fetch_add(output.summary.counts.rays, Ordering::Relaxed);
         Some(output)
     };
     let mut hand_on = |chunk: [usize; 3], outputs: Vec<Option<BrickOutput>>| {
-        let split = |output: Option<BrickOutput>| output.map(|o| (o.brick, o.summary)).unzip();
-        let (bricks, summaries): (Vec<_>, Vec<_>) = outputs.into_iter().map(split).unzip();
-        sink(chunk, bricks)?;
+        let mut all: ChunkBricks = layers.iter().map(|_| Vec::with_capacity(BRICKS)).collect();
+        let mut summaries = Vec::with_capacity(BRICKS);
+        for output in outputs {
+            let mut bricks = output.map(|output| {
+                summaries.push(output.summary);
+                output.bricks.into_iter()
+            });
+            all.iter_mut().for_each(|group| group.push(bricks.as_mut().and_then(Iterator::next)));
+        }
+        sink(chunk, all)?;
         Ok(summaries)
     };
-    let mut total = Summary::new(&bake.settings.layers);
-    let mut add = |summaries: Vec<Option<Summary>>| summaries.iter().flatten().for_each(|s| total.add(s));
+    let mut total = Summary::new(layers);
+    let mut add = |summaries: Vec<Summary>| summaries.iter().for_each(|s| total.add(s));
     for_each_chunk(chunks, progress, present, &work, &mut hand_on, &mut add)?;
     Ok(total)
 }
 
 /// Bakes one brick on its own.
+///
+/// # Errors
+/// As [`bake`].
 pub fn bake_brick(bake: &Bake<'_>, index: [usize; 3]) -> Result<BrickOutput> {
     bake.check()?;
-    Ok(with_samples!(bake.volume.samples(), s => {
-        let field = LevelField::new(bake.volume, s, bake.pyramid);
-        let openness = Openness::of(bake.volume, &field);
-        brick_with(&field, bake, &openness, &by_path(&field, bake), index, None, &mut Scratch::default())
-    }))
+    with_path_tracer!(bake, Openness::of, estimator => {
+        Ok(brick_of(&estimator, bake, index, None, &mut Default::default()))
+    })
 }
 
-fn brick_with<T: Sample>(
-    field: &LevelField<'_, T>,
-    bake: &Bake<'_>,
-    openness: &Openness<'_, '_, T>,
-    estimator: &Estimator<'_>,
-    index: [usize; 3],
-    old: Option<&Brick>,
-    scratch: &mut Scratch,
-) -> BrickOutput {
-    let layers = &bake.settings.layers;
-    let lattice = &bake.layout.lattice;
-    let mut brick = old.cloned().unwrap_or_else(|| Brick::unbaked(layers));
-    let mut summary = Summary::new(layers);
-    let mut texel_estimate = TexelEstimate::default();
-    let (coefficients, errors) = (layers.coefficients(), layers.errors());
-    let [mx, my, _] = lattice.texels();
-    for t in 0..BRICK_TEXELS {
-        let inner = [t % BRICK, t / BRICK % BRICK, t / BRICK / BRICK];
-        let texel: [usize; 3] = std::array::from_fn(|a| index[a] * BRICK + inner[a]);
-        if !bake.selection.contains(texel) {
-            continue;
-        }
-        summary.texels += 1;
-        let transfer = &mut brick.transfer[t * coefficients..(t + 1) * coefficients];
-        let stderr = &mut brick.stderr[t * errors..(t + 1) * errors];
-        let Some(site) = field.site(lattice.grid_from_texel(texel)) else {
-            transfer.fill(f16::ZERO);
-            stderr.fill(f16::ZERO);
-            (brick.validity[t], brick.rays[t]) = (0, 0);
-            continue;
-        };
-        let has_more = |rays: u32| brick.rays[t] >= rays && brick.validity[t] & validity::VALID != 0;
-        if bake.settings.target.is_none() && has_more(bake.settings.rays) {
-            summary.texels -= 1;
-            continue;
-        }
-        let item = (texel[0] + mx * (texel[1] + my * texel[2])) as u64;
-        let is_open = openness.admits(&site);
-        if is_open {
-            unoccluded(bake.settings, &site, &mut texel_estimate);
-        } else {
-            estimator(&site, item, scratch, &mut summary.counts, &mut texel_estimate);
-        }
-        tally(&texel_estimate, site.clamped, is_open, &mut summary);
-        if has_more(texel_estimate.rays) {
-            continue;
-        }
-        transfer.convert_from_f32_slice(&texel_estimate.transfer);
-        stderr.convert_from_f32_slice(&texel_estimate.stderr);
-        let flag = |is_set: bool, flag: u8| if is_set { flag } else { 0 };
-        brick.validity[t] = validity::VALID | flag(site.clamped, validity::CLAMPED) | flag(is_open, validity::OPEN);
-        brick.rays[t] = texel_estimate.rays;
-    }
-    BrickOutput { brick, summary }
-}
-
-fn tally(texel: &TexelEstimate, clamped: bool, open: bool, summary: &mut Summary) {
-    summary.valid += 1;
-    summary.open += u64::from(open);
-    summary.clamped += u64::from(clamped);
-    summary.degenerate += u64::from(texel.degenerate);
-    summary.paths += u64::from(texel.rays);
-    summary.lost += u64::from(texel.lost);
-    summary.trapped += u64::from(texel.trapped);
-    summary.escape_variance += f64::from(texel.escape_stderr).powi(2);
-    summary.errors.add(texel.target_stderr);
-    for (sum, &value) in summary.transfer.iter_mut().zip(&texel.transfer) {
-        *sum += f64::from(value);
-    }
-}
-
-/// The estimates of single texels as `path` makes them, before they are rounded for storage: each a texel and its
-/// number of paths, a multiple of 4. `None` for a texel without a level set. The selection is not asked.
+/// The estimates of single texels as the path tracer makes them, one a group, before they are rounded for storage: each a
+/// texel and its number of paths, a multiple of 4. `None` for a texel without a level set. The selection is not asked, and
+/// no texel has a closed form.
 ///
 /// # Errors
 /// As [`bake`]; a number of paths that is not a multiple of 4.
-pub fn estimates(bake: &Bake<'_>, texels: &[([usize; 3], u32)]) -> Result<Vec<Option<TexelEstimate>>> {
+pub fn estimates(bake: &Bake<'_>, texels: &[([usize; 3], u32)]) -> Result<Vec<Option<Vec<TexelEstimate>>>> {
     bake.check()?;
     if let Some((_, rays)) = texels.iter().find(|(_, rays)| *rays == 0 || rays % super::REPLICATES as u32 != 0) {
         return Err(Error::argument("rays", rays, "a multiple of 4", "take what the store says of the texel"));
     }
-    let [mx, my, _] = bake.layout.lattice.texels();
-    Ok(with_samples!(bake.volume.samples(), s => {
-        let field = LevelField::new(bake.volume, s, bake.pyramid);
-        texels
-            .par_iter()
-            .map_init(Scratch::default, |scratch, &(texel, rays)| {
-                let site = field.site(bake.layout.lattice.grid_from_texel(texel))?;
-                let settings = Settings { rays, target: None, ..bake.settings.clone() };
-                let item = (texel[0] + mx * (texel[1] + my * texel[2])) as u64;
-                let mut out = TexelEstimate::default();
-                estimate(&field, &site, item, &settings, scratch, &mut Counts::default(), &mut out);
-                Some(out)
-            })
-            .collect()
-    }))
+    // One estimator for each number of paths, in which texels differ.
+    let mut numbers: Vec<u32> = texels.iter().map(|&(_, rays)| rays).collect();
+    numbers.sort_unstable();
+    numbers.dedup();
+    let mut all: Vec<Option<Vec<TexelEstimate>>> = texels.iter().map(|_| None).collect();
+    for rays in numbers {
+        let settings = Settings { rays, target: None, ..bake.settings.clone() };
+        let bake = Bake { settings: &settings, ..*bake };
+        let found = with_path_tracer!(&bake, Openness::unasked, estimator => each_estimate(&estimator, &bake, texels));
+        all.iter_mut().zip(found).filter(|(_, found)| found.is_some()).for_each(|(all, found)| *all = found);
+    }
+    Ok(all)
+}
+
+/// The estimates of those texels that have as many paths as the settings say.
+fn each_estimate<E: Estimator>(
+    estimator: &E,
+    bake: &Bake<'_>,
+    texels: &[([usize; 3], u32)],
+) -> Vec<Option<Vec<TexelEstimate>>> {
+    texels
+        .par_iter()
+        .map_init(E::Scratch::default, |scratch, &(texel, rays)| {
+            if rays != bake.settings.rays {
+                return None;
+            }
+            let site = estimator.site(bake.layout.lattice.grid_from_texel(texel))?;
+            let (mut out, mut summary) = (estimates_of(estimator), Summary::default());
+            let fate = estimator.estimate(&site, item_of(bake, texel), scratch, &mut summary, &mut out);
+            (fate != Fate::Buried).then(|| out.iter().map(narrowed).collect())
+        })
+        .collect()
+}
+
+/// An estimate in `f32`.
+fn narrowed<F: Real>(wide: &TexelEstimate<F>) -> TexelEstimate {
+    let narrow = |values: &[F]| values.iter().map(|v| v.as_f32()).collect();
+    TexelEstimate {
+        transfer: narrow(&wide.transfer),
+        stderr: narrow(&wide.stderr),
+        escape_stderr: wide.escape_stderr,
+        degenerate: wide.degenerate,
+        lost: wide.lost,
+        trapped: wide.trapped,
+        rays: wide.rays,
+        target_stderr: wide.target_stderr,
+    }
 }
 
 /// Bakes whole bricks and keeps nothing but the totals: what a bake costs and how exact it is, before the real one.
@@ -262,18 +312,13 @@ pub fn estimates(bake: &Bake<'_>, texels: &[([usize; 3], u32)]) -> Result<Vec<Op
 /// As [`bake`].
 pub fn trial(bake: &Bake<'_>, bricks: &[[usize; 3]]) -> Result<Summary> {
     bake.check()?;
-    with_samples!(bake.volume.samples(), s => {
-        let field = LevelField::new(bake.volume, s, bake.pyramid);
-        let estimator = by_path(&field, bake);
-        let openness = Openness::of(bake.volume, &field);
+    with_path_tracer!(bake, Openness::of, estimator => {
         let parts: Vec<Summary> = bricks
             .par_iter()
             .with_max_len(1)
-            .map_init(Scratch::default, |scratch, &index| {
-                brick_with(&field, bake, &openness, &estimator, index, None, scratch).summary
-            })
+            .map_init(Default::default, |scratch, &index| brick_of(&estimator, bake, index, None, scratch).summary)
             .collect();
-        let mut total = Summary::new(&bake.settings.layers);
+        let mut total = Summary::new(estimator.layers());
         parts.iter().for_each(|part| total.add(part));
         Ok(total)
     })
@@ -296,38 +341,33 @@ pub fn pilot(bake: &Bake<'_>, texels: u64) -> Result<Summary> {
         let texel = [i as usize % m[0], i as usize / m[0] % m[1], i as usize / m[0] / m[1]];
         if bake.selection.contains(texel) {
             if seen % stride == stride / 2 {
-                picked.push((texel, i));
+                picked.push(texel);
             }
             seen += 1;
         }
     }
-    with_samples!(bake.volume.samples(), s => {
-        let field = LevelField::new(bake.volume, s, bake.pyramid);
-        let openness = Openness::of_pilot(bake.volume, &field);
-        let parts: Vec<Summary> = picked
-            .par_chunks(64)
-            .with_max_len(1)
-            .map_init(Scratch::default, |scratch, part| {
-                let mut summary = Summary::new(&bake.settings.layers);
-                let mut texel_estimate = TexelEstimate::default();
-                for &(texel, item) in part {
-                    summary.texels += 1;
-                    if let Some(site) = field.site(bake.layout.lattice.grid_from_texel(texel)) {
-                        let is_open = openness.admits(&site);
-                        if is_open {
-                            unoccluded(bake.settings, &site, &mut texel_estimate);
-                        } else {
-                            let counts = &mut summary.counts;
-                            estimate(&field, &site, item, bake.settings, scratch, counts, &mut texel_estimate);
-                        }
-                        tally(&texel_estimate, site.clamped, is_open, &mut summary);
-                    }
+    with_path_tracer!(bake, Openness::of_pilot, estimator => Ok(of_texels(&estimator, bake, &picked)))
+}
+
+/// The totals of single texels.
+fn of_texels<E: Estimator>(estimator: &E, bake: &Bake<'_>, texels: &[[usize; 3]]) -> Summary {
+    let parts: Vec<Summary> = texels
+        .par_chunks(64)
+        .with_max_len(1)
+        .map_init(E::Scratch::default, |scratch, part| {
+            let (mut summary, mut out) = (Summary::new(estimator.layers()), estimates_of(estimator));
+            for &texel in part {
+                summary.texels += 1;
+                let Some(site) = estimator.site(bake.layout.lattice.grid_from_texel(texel)) else { continue };
+                let fate = estimator.estimate(&site, item_of(bake, texel), scratch, &mut summary, &mut out);
+                if fate != Fate::Buried {
+                    summary.count(&out, estimator.layers(), site.clamped, fate == Fate::Open);
                 }
-                summary
-            })
-            .collect();
-        let mut total = Summary::new(&bake.settings.layers);
-        parts.iter().for_each(|part| total.add(part));
-        Ok(total)
-    })
+            }
+            summary
+        })
+        .collect();
+    let mut total = Summary::new(estimator.layers());
+    parts.iter().for_each(|part| total.add(part));
+    total
 }

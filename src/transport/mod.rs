@@ -12,8 +12,8 @@
 
 mod bake;
 mod chunks;
-mod combine;
 mod direct;
+mod estimator;
 mod gather;
 mod open;
 mod path;
@@ -22,12 +22,14 @@ mod replay;
 pub mod scatter;
 mod scene_path;
 mod summary;
+mod sums;
 
 #[cfg(test)]
 mod tests;
 
-pub use bake::{Bake, BrickOutput, Present, Progress, Sink, bake, bake_brick, estimates, pilot, trial};
+pub use bake::{Bake, ChunkBricks, Present, Progress, Sink, bake, bake_brick, estimates, pilot, trial};
 pub use direct::{DirectSettings, Radiance, SurfacePoint, direct};
+pub use estimator::BrickOutput;
 pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};
 pub use path::{Settings, Target, TexelEstimate, radiance_weights};
 pub use photon::{
@@ -36,8 +38,8 @@ pub use photon::{
 };
 pub use replay::{ReplayedPath, replay};
 pub use scene_path::{
-    GroupBricks, LevelSite, MOST_SPECULAR, MOST_TURNS, PowerBalance, SceneBake, SceneCounts, SceneReference,
-    SceneSettings, SceneSummary, bake_scene, needs_photons, pilot_scene, scene_radiance, site_radiance, trace_photons,
+    LevelSite, MOST_SPECULAR, MOST_TURNS, PowerBalance, SceneCounts, SceneReference, needs_photons, scene_radiance,
+    site_radiance, trace_photons,
 };
 pub use summary::{ErrorHistogram, Summary};
 

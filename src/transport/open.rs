@@ -4,8 +4,8 @@
 //! taken where the solids are declared convex ([`Volume::is_convex`]), where the samples are those of a
 //! linear function, and where [`Horizon::proves_open`] succeeds; see [`Shadowing`] for the ways to overrule that.
 
-use super::combine::clamped_cosine;
 use super::path::{Settings, TexelEstimate};
+use super::sums::clamped_cosine;
 use crate::level::{Horizon, LevelField, Site};
 use crate::sh;
 use crate::volume::{Sample, Shadowing, Volume};
@@ -35,6 +35,11 @@ impl<'f, 'v, T: Sample> Openness<'f, 'v, T> {
             Shadowing::Ignored => Self::found(volume, field),
             _ => Self::of(volume, field),
         }
+    }
+
+    /// No closed form.
+    pub(super) fn unasked(_: &Volume, _: &'f LevelField<'v, T>) -> Self {
+        Self::Unasked
     }
 
     fn found(volume: &Volume, field: &'f LevelField<'v, T>) -> Self {

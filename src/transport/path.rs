@@ -17,7 +17,7 @@
 //! replicate r takes it from the *other* replicates, which keeps the estimate unbiased.
 
 use super::REPLICATES;
-use super::combine::combine;
+use super::sums::combine_paths;
 use crate::geom::{Frame, Normal};
 use crate::level::{Counts, Crossing, Hit, LevelField, Outcome, Site, Start};
 use crate::sampling::{PathSampler, warp};
@@ -60,8 +60,11 @@ pub struct Settings {
 /// in the noise (measured: example `measure-adaptive`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Target {
-    /// One list of weights a number, one weight a coefficient, layer-major.
+    /// One list of weights a number, one weight a coefficient of one channel, layer-major.
     pub weights: Vec<Vec<f32>>,
+    /// Of each luminaire one weight a layer, on G_k as it is stored, mean of the channels; the error of their sum joins that
+    /// of each number. Empty without luminaires.
+    pub luminaires: Vec<Vec<f32>>,
     /// The standard error.
     pub error: f32,
 }
@@ -73,29 +76,32 @@ impl Target {
     /// parts, which an albedo weighs differently, are not known at all.
     pub fn escape(layers: &Layers, error: f32) -> Self {
         let root_four_pi = 2.0 * std::f32::consts::PI.sqrt();
-        let mut openness = vec![0.0; layers.coefficients()];
+        let (coefficients, channels) = (layers.coefficients() / layers.channels(), layers.channels());
+        let mut openness = vec![0.0; coefficients];
         openness[0] = root_four_pi;
-        let mut all = vec![0.0; layers.coefficients()];
+        let mut all = vec![0.0; coefficients];
         for k in 0..layers.len() {
-            all[layers.offset(k)] = root_four_pi;
+            all[layers.offset(k) / channels] = root_four_pi;
         }
-        Self { weights: vec![all, openness], error }
+        Self { weights: vec![all, openness], luminaires: Vec::new(), error }
     }
 
     /// A standard error of the radiance under the stored layers, relative to `mean`, of each of some lights: lists
     /// of coefficients in world axes, such as the colour channels of an environment. `mean` has the unit of the
     /// lights; shorter lists end in zeros.
     pub fn radiance(layers: &Layers, lights: &[Vec<f32>], albedo: f32, mean: f32, error: f32) -> Self {
-        Self { weights: lights.iter().map(|light| radiance_weights(layers, light, albedo, mean)).collect(), error }
+        let weights = lights.iter().map(|light| radiance_weights(layers, light, albedo, mean)).collect();
+        Self { weights, luminaires: Vec::new(), error }
     }
 }
 
-/// Weights w with Σ w_i T_i = Σ_k ρ^(k+1) ⟨T_k, L⟩ / mean, layer-major; the light L in world axes.
+/// Weights w with Σ w_i T_i = Σ_k ρ^(k+1) ⟨T_k, L⟩ / mean, layer-major, for one channel; the light L in world axes.
 pub fn radiance_weights(layers: &Layers, light: &[f32], albedo: f32, mean: f32) -> Vec<f32> {
-    let mut weights = vec![0.0; layers.coefficients()];
+    let channels = layers.channels();
+    let mut weights = vec![0.0; layers.coefficients() / channels];
     let mut factor = albedo / mean;
     for (k, &bands) in layers.bands().iter().enumerate() {
-        for (w, l) in weights[layers.offset(k)..].iter_mut().zip(&light[..light.len().min(bands * bands)]) {
+        for (w, l) in weights[layers.offset(k) / channels..].iter_mut().zip(&light[..light.len().min(bands * bands)]) {
             *w = factor * l;
         }
         factor *= albedo;
@@ -110,15 +116,15 @@ impl Settings {
     }
 }
 
-/// The estimate for one texel, before it is rounded for storage.
+/// The estimate for one texel of one texture, before it is rounded for storage.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct TexelEstimate {
-    /// Layer-major coefficients.
-    pub transfer: Vec<f32>,
-    /// Standard error of each layer and band, root mean square over the orders; that of band 0 is pooled with those of
+pub struct TexelEstimate<F = f32> {
+    /// Coefficients in the order of [`Layers`]: layer-major, then channels.
+    pub transfer: Vec<F>,
+    /// Standard error of the mean of the channels, of each layer and band, root mean square over the orders; that of band 0 is pooled with those of
     /// the next two. Half of a 95 % interval of a_k is sqrt(4π) times it times
     /// [`half_interval_95`](crate::sampling::statistics::half_interval_95).
-    pub stderr: Vec<f32>,
+    pub stderr: Vec<F>,
     /// Standard error of Σ_k a_k, the chance to escape within the stored layers.
     pub escape_stderr: f32,
     /// Whether all replicates gave the same a_0; then half of its 95 % interval is at least 3/N.
@@ -269,7 +275,7 @@ pub(super) fn estimate<T: Sample>(
     };
     loop {
         tally += extend(field, site, item, done, points, settings, scratch, counts);
-        combine(site.normal, settings, scratch, &tally.visible, points, settings.layers.len(), out);
+        combine_paths(site.normal, settings, scratch, &tally.visible, points, settings.layers.len(), out);
         (out.lost, out.trapped, out.rays) = (tally.lost, tally.trapped, (points * REPLICATES) as u32);
         match &settings.target {
             Some(target) if expected_error(out) > target.error && points < settings.points() => {
@@ -281,14 +287,14 @@ pub(super) fn estimate<T: Sample>(
 }
 
 /// Points per replicate that a texel with a target starts with: 16 paths.
-const FIRST_POINTS: usize = 4;
+pub(super) const FIRST_POINTS: usize = 4;
 
 /// Points per replicate to go on to from `points`, at which the error is `excess` times too large.
 ///
 /// The number at which an error that falls as N^−0.75 meets the target, so that few paths are traced beyond what was
 /// needed (sizes that double trace 1.4 times as many on the average); from an eighth more, so that a
 /// texel is not looked at too often, to twice as many.
-fn next_points(points: usize, excess: f32, most: usize) -> usize {
+pub(super) fn next_points(points: usize, excess: f32, most: usize) -> usize {
     // excess^(4/3).
     let wanted = points as f32 * excess * libm::cbrtf(excess);
     (wanted as usize + 1).clamp(points + points.div_ceil(8), 2 * points).min(most)
@@ -300,7 +306,7 @@ fn next_points(points: usize, excess: f32, most: usize) -> usize {
 /// stops because its paths happened to miss something leaves a bias, since those that happened to hit it go on. With
 /// 1/N the openness came out too large by 1/40 to 1/20 of the target on mni152 and caffeine_density; with 2/N by half of
 /// that, at up to 1.5 times the rays.
-fn expected_error(texel: &TexelEstimate) -> f32 {
+pub(super) fn expected_error<F>(texel: &TexelEstimate<F>) -> f32 {
     texel.target_stderr.max(1.0 / texel.rays as f32)
 }
 

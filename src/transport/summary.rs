@@ -1,5 +1,8 @@
 //! What a bake reports of itself: sums over texels, taken in the fixed order of the bricks.
 
+use super::path::TexelEstimate;
+use super::scene_path::SceneCounts;
+use super::sums::Real;
 use crate::level::Counts;
 use crate::transfer::Layers;
 
@@ -22,12 +25,17 @@ pub struct Summary {
     pub lost: u64,
     /// Paths still travelling after the last stored layer.
     pub trapped: u64,
-    /// Work of the tracer.
+    /// Work of the tracer within level sets.
     pub counts: Counts,
-    /// Σ over valid texels of the transfer vector, layer-major.
+    /// Work among walls, luminaires and other volumes; zeros where there are none.
+    pub scene: SceneCounts,
+    /// Σ over valid texels of the transfer vector of the environment, the mean of its channels, layer-major.
     pub transfer: Vec<f64>,
     // Where each layer starts in it.
     offsets: Vec<usize>,
+    /// Σ over valid texels of G_k of the groups after the environment (emission, then luminaires, as stored), three
+    /// channels a layer; empty for a volume alone.
+    pub gains: Vec<Vec<f64>>,
     /// Σ over valid texels of the variance of the estimate of Σ_k a_k.
     pub escape_variance: f64,
     /// Valid texels by the standard error of what the target names (Σ_k a_k without a target).
@@ -88,9 +96,41 @@ impl ErrorHistogram {
 }
 
 impl Summary {
-    pub(super) fn new(layers: &Layers) -> Self {
-        let offsets = (0..layers.len()).map(|k| layers.offset(k)).collect();
-        Self { transfer: vec![0.0; layers.coefficients()], offsets, ..Self::default() }
+    /// Zeros for the textures of these layers, that of the environment first.
+    pub(super) fn new(all: &[Layers]) -> Self {
+        let Some((layers, others)) = all.split_first() else { return Self::default() };
+        let channels = layers.channels();
+        Self {
+            transfer: vec![0.0; layers.coefficients() / channels],
+            offsets: (0..layers.len()).map(|k| layers.offset(k) / channels).collect(),
+            gains: others.iter().map(|layers| vec![0.0; layers.coefficients()]).collect(),
+            ..Self::default()
+        }
+    }
+
+    /// Counts the estimate of a texel, one entry a texture.
+    pub(super) fn count<F: Real>(&mut self, out: &[TexelEstimate<F>], all: &[Layers], clamped: bool, open: bool) {
+        let ([texel, others @ ..], [layers, ..]) = (out, all) else { return };
+        self.valid += 1;
+        self.open += u64::from(open);
+        self.clamped += u64::from(clamped);
+        self.degenerate += u64::from(texel.degenerate);
+        self.paths += u64::from(texel.rays);
+        self.lost += u64::from(texel.lost);
+        self.trapped += u64::from(texel.trapped);
+        self.escape_variance += f64::from(texel.escape_stderr).powi(2);
+        self.errors.add(texel.target_stderr);
+        let channels = layers.channels();
+        for (k, &bands) in layers.bands().iter().enumerate() {
+            let (square, first) = (bands * bands, layers.offset(k));
+            for i in 0..square {
+                let all = (0..channels).map(|c| texel.transfer[first + c * square + i].as_f64());
+                self.transfer[self.offsets[k] + i] += all.sum::<f64>() / channels as f64;
+            }
+        }
+        for (sums, other) in self.gains.iter_mut().zip(others) {
+            sums.iter_mut().zip(&other.transfer).for_each(|(sum, value)| *sum += value.as_f64());
+        }
     }
 
     /// Adds the totals of another part.
@@ -104,11 +144,15 @@ impl Summary {
         self.lost += other.lost;
         self.trapped += other.trapped;
         self.counts += other.counts;
+        self.scene += other.scene;
         self.escape_variance += other.escape_variance;
         if self.transfer.is_empty() {
             (self.transfer, self.offsets) = (other.transfer.clone(), other.offsets.clone());
+            self.gains = other.gains.clone();
         } else {
-            self.transfer.iter_mut().zip(&other.transfer).for_each(|(a, b)| *a += b);
+            let (ours, theirs) = (self.gains.iter_mut().flatten(), other.gains.iter().flatten());
+            let pairs = self.transfer.iter_mut().chain(ours).zip(other.transfer.iter().chain(theirs));
+            pairs.for_each(|(a, b)| *a += b);
         }
         self.errors.merge(&other.errors);
     }
@@ -130,19 +174,34 @@ impl Summary {
         self.lost as f64 / self.paths.max(1) as f64
     }
 
-    /// Mean over the valid texels of the chance to survive `k` hits: 1 − Σ_{j<k} a_j.
+    /// Mean over the valid texels of the chance to be blocked `k` times: 1 − Σ_{j<k} a_j. Among walls and other volumes, where
+    /// paths also end elsewhere, the mean weight with which the level set is met k times, largest channel.
     pub fn mean_survival(&self, k: usize) -> f64 {
-        1.0 - self.mean_escapes().iter().take(k).sum::<f64>()
+        let Some(emission) = self.gains.first() else {
+            return 1.0 - self.mean_escapes().iter().take(k).sum::<f64>();
+        };
+        let Some(before) = k.checked_sub(1) else { return 1.0 };
+        let valid = self.valid.max(1) as f64;
+        emission.iter().skip(3 * before).take(3).fold(0.0f64, |most, &sum| most.max(sum / valid))
+    }
+
+    /// Mean over the valid texels of what luminaire `l` brings at albedo ρ, mean of its channels, as stored.
+    pub fn mean_of_luminaire(&self, l: usize, albedo: f64) -> f64 {
+        let Some(gains) = self.gains.get(1 + l) else { return 0.0 };
+        let of_layer = gains.chunks_exact(3).map(|layer| layer.iter().sum::<f64>() / 3.0);
+        let (sum, _) = of_layer.fold((0.0, albedo), |(sum, power), gain| (sum + power * gain, power * albedo));
+        sum / self.valid.max(1) as f64
     }
 
     /// The most that layers beyond the stored ones can add to the radiance, over the brightest light, in the mean over the
     /// valid texels: ρ^(K+2) S_(K+1), K the last stored layer. It becomes an equality as ρ → 1 where all light gets out in
-    /// the end. Its standard error is that of the mean of Σ_k a_k, as texels are independent.
-    pub fn bound(&self, albedo: f64) -> (f64, f64) {
+    /// the end. Its standard error is that of the mean of Σ_k a_k, as texels are independent; among walls there is none.
+    pub fn bound(&self, albedo: f64) -> (f64, Option<f64>) {
         let layers = self.offsets.len();
         let power = (0..layers + 1).fold(1.0, |power, _| power * albedo);
         let error = self.escape_variance.sqrt() / self.valid.max(1) as f64;
-        (power * self.mean_survival(layers).max(0.0), power * error)
+        let stated = self.gains.is_empty().then_some(power * error);
+        (if layers == 0 { 0.0 } else { power * self.mean_survival(layers).max(0.0) }, stated)
     }
 
     /// Root mean square over the valid texels of the standard error of Σ_k a_k.

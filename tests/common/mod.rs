@@ -8,7 +8,7 @@ use isolume::sampling::hash::uniform;
 use isolume::transfer::{
     BRICK, BRICK_TEXELS, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, validity,
 };
-use isolume::transport::{Bake, Progress, Settings, Summary, bake};
+use isolume::transport::{Bake, ChunkBricks, Progress, Settings, Summary, bake};
 use isolume::volume::field::{Field, sample};
 use isolume::volume::{Samples, Volume};
 
@@ -85,9 +85,9 @@ pub fn bake_at(volume: &Volume, ratio: f64, settings: &Settings, texels: &[[usiz
     let layout = Layout { lattice, layers: settings.layers.clone() };
     let mut selection = Selection::empty(lattice);
     texels.iter().for_each(|&t| selection.insert(t));
-    let job = Bake { volume, pyramid: &pyramid, layout: &layout, settings, selection: &selection };
+    let job = Bake::new(volume, &pyramid, &layout, settings, &selection);
     let mut texture = MemoryTexture::new(layout.clone());
-    let mut keep = |chunk: [usize; 3], bricks| texture.insert_chunk(chunk, bricks);
+    let mut keep = |chunk: [usize; 3], mut groups: ChunkBricks| texture.insert_chunk(chunk, groups.swap_remove(0));
     let summary = bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut keep).unwrap();
     Baked { texture, summary }
 }

@@ -43,9 +43,9 @@ pub fn solve_with(volume: &Volume, estimator: Estimator, layers: Layers, rays: u
     let positive = estimator == Estimator::Positive;
     let settings = Settings { layers, rays, seed: 11, positive, target: None };
     let selection = Selection::all(lattice);
-    let job = Bake { volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
+    let job = Bake::new(volume, &pyramid, &layout, &settings, &selection);
     let mut texture = MemoryTexture::new(layout.clone());
-    let mut sink = |chunk: [usize; 3], bricks| texture.insert_chunk(chunk, bricks);
+    let mut sink = |chunk: [usize; 3], mut groups: ChunkBricks| texture.insert_chunk(chunk, groups.swap_remove(0));
     let (chunks, progress) = (job.chunks(), Progress::default());
     let none = |_| Ok::<_, Error>(None);
     let summary = match estimator {

@@ -1,8 +1,8 @@
 //! One texel of one pass: a path that ends where the cache has transfer.
 
 use super::super::REPLICATES;
-use super::super::combine::combine;
 use super::super::path::{Scratch, Settings, TexelEstimate};
+use super::super::sums::combine_paths;
 use super::cache::{Cache, EMPTY_ROW, Lookups, Row, Span, spans};
 use crate::geom::Frame;
 use crate::level::{CellPoint, Counts, LevelField, Outcome, Site, Start};
@@ -76,7 +76,7 @@ impl<'a> Pass<'a> {
         }
         scratch.add_escaped(0, &self.settings);
         let points = self.settings.points();
-        combine(site.normal, &self.settings, scratch, &visible, points, 1, out);
+        combine_paths(site.normal, &self.settings, scratch, &visible, points, 1, out);
         out.rays = (points * REPLICATES) as u32;
     }
 

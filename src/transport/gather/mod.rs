@@ -39,7 +39,7 @@ mod tests;
 pub use bias::Bias;
 pub use cache::{CachePrecision, Lookups};
 
-use super::bake::{Bake, Present, Progress, Sink, run};
+use super::bake::{Bake, Present, Progress, Sink, fill_alone};
 use super::chunks::{BRICKS, most_in_work};
 use super::path::{Scratch, Settings, TexelEstimate, estimate as estimate_path};
 use super::summary::Summary;
@@ -212,7 +212,7 @@ fn all_passes<T: Sample>(
         pass.estimate(field, site, item, scratch, counts, &mut lookups, out);
         tally.add(&lookups);
     };
-    gathered.summary.add(&run(field, bake, &estimator, chunks, progress, present, sink)?);
+    gathered.summary.add(&fill_alone(field, bake, &estimator, chunks, progress, present, sink)?);
     gathered.lookups += tally.total();
     if !progress.cancel.load(Ordering::Relaxed) {
         let lattice = &bake.layout.lattice;

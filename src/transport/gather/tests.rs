@@ -46,20 +46,14 @@ impl Scene {
     }
 
     fn job(&self) -> Bake<'_> {
-        Bake {
-            volume: &self.volume,
-            pyramid: &self.pyramid,
-            layout: &self.layout,
-            settings: &self.settings,
-            selection: &self.selection,
-        }
+        Bake::new(&self.volume, &self.pyramid, &self.layout, &self.settings, &self.selection)
     }
 
     fn gather(&self, settings: &GatherSettings, chunks: &[[usize; 3]]) -> Result<(Gathered, Bricks)> {
         let mut bricks = Bricks::new();
         let gathered =
             gather(&self.job(), settings, chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, list| {
-                collect(&mut bricks, chunk, list);
+                collect(&mut bricks, chunk, list.concat());
                 Ok(())
             })?;
         Ok((gathered, bricks))
@@ -73,7 +67,7 @@ impl Scene {
         let mut bricks = Bricks::new();
         let job = self.job();
         bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, list| {
-            collect(&mut bricks, chunk, list);
+            collect(&mut bricks, chunk, list.concat());
             Ok(())
         })
         .unwrap();

@@ -387,7 +387,7 @@ fn photons_light_the_bowl_in_three_ways() {
 #[test]
 fn transfer_from_photons_is_that_of_the_bowl_and_of_the_sphere() {
     use crate::transfer::{Brick, Lattice, Layers, Layout, Selection};
-    use crate::transport::combine::clamped_cosine;
+    use crate::transport::sums::clamped_cosine;
     use crate::transport::{Bake, Progress, Settings};
     // Mean over the texels near one isosurface of a_k = f (1−f)^k on the bowl, and 1, 0, 0 outside a sphere.
     for (spec, isovalue, expected) in [("bowl:32", 0.6, [0.5, 0.25, 0.125]), ("sphere:32", f64::NAN, [1.0, 0.0, 0.0])] {
@@ -405,15 +405,14 @@ fn transfer_from_photons_is_that_of_the_bowl_and_of_the_sphere() {
         for z in 0..cells.dims()[2] {
             cells.for_each_in_slab(z, |x, y| selection.insert_cell([x, y, z]));
         }
-        let job =
-            Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
+        let job = Bake::new(&volume, &pyramid, &layout, &settings, &selection);
         let photons = PhotonBake { photons: 1 << 20, gamma: 1.0, memory_limit: 1 << 30 };
         let Samples::F32(samples) = volume.samples() else { unreachable!() };
         let level = LevelField::new(&volume, samples, &pyramid);
         // Squared deviation of layer 0 from the clamped cosine, squared stated error, squared transfer.
         let (mut deviation, mut stated, mut norm) = (0.0, 0.0, 0.0);
-        let mut sink = |chunk: [usize; 3], bricks: Vec<Option<Brick>>| {
-            for (b, brick) in bricks.iter().enumerate() {
+        let mut sink = |chunk: [usize; 3], groups: Vec<Vec<Option<Brick>>>| {
+            for (b, brick) in groups[0].iter().enumerate() {
                 let Some(brick) = brick else { continue };
                 for t in (0..512).filter(|&t| brick.rays[t] > 0) {
                     let inner = [b % 4, b / 4 % 4, b / 16];

@@ -15,7 +15,7 @@ use crate::geom::Direction;
 use crate::level::{Counts, LevelField, Site};
 use crate::sampling::{DirectionSample, DirectionalSource, warp};
 use crate::sh;
-use crate::transport::bake::{Bake, Present, Progress, Sink, run};
+use crate::transport::bake::{Bake, Present, Progress, Sink, fill_alone};
 use crate::transport::path::{Scratch, TexelEstimate};
 use crate::transport::{PhotonEnergy, Summary};
 use crate::volume::{Sample, with_samples};
@@ -97,7 +97,7 @@ pub fn photon_bake_from(
         let estimator = |site: &Site, _: u64, scratch: &mut Scratch, _: &mut Counts, out: &mut TexelEstimate| {
             from_photons(&field, bake, map, &search, site, &mut scratch.nearest, out);
         };
-        run(&field, bake, &estimator, chunks, progress, present, sink)
+        fill_alone(&field, bake, &estimator, chunks, progress, present, sink)
     })
 }
 
@@ -114,7 +114,7 @@ pub fn photon_bake(
     sink: &mut Sink<'_>,
 ) -> Result<(Summary, PhotonEnergy)> {
     check(bake)?;
-    let nothing = || (Summary::new(&bake.settings.layers), PhotonEnergy::default());
+    let nothing = || (Summary::new(std::slice::from_ref(&bake.settings.layers)), PhotonEnergy::default());
     if chunks.is_empty() {
         // A volume without a surface has nothing to bake, and no isovalue to draw.
         return Ok(nothing());

@@ -15,9 +15,10 @@
 //! walls by Russian roulette on the largest channel of W.
 
 use super::super::REPLICATES;
+use super::super::path::Settings;
+use super::glass;
 use super::images::Images;
 use super::world::{Met, Origin, Place, SceneCounts, World};
-use super::{SceneSettings, glass};
 use crate::geom::{Frame, Normal};
 use crate::level::{CellPoint, Counts, Site, Start};
 use crate::sampling::{PathSampler, warp};
@@ -27,6 +28,7 @@ use crate::transfer::Layers;
 use crate::volume::Sample;
 use glam::{DVec3, Vec3};
 use std::f64::consts::PI;
+use std::ops::Range;
 
 /// Meetings with walls after which roulette begins.
 const SURE_WALLS: u32 = 3;
@@ -37,9 +39,9 @@ pub const MOST_SPECULAR: u32 = 64;
 /// Pairs of random numbers of glass start here, out of the way of all others.
 const GLASS_PAIRS: u32 = 1 << 24;
 
-/// What a texel's paths found: sums, then means and standard errors.
+/// What a texel's paths found: sums.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Found {
+pub(in super::super) struct Found {
     // [replicate][coefficient of the coloured layers].
     pub(super) environment: Vec<f64>,
     // [group: emission, then luminaires][replicate][3·layer + channel].
@@ -68,7 +70,8 @@ struct Turn {
 /// One path on its way.
 struct Path<'a, 'w, T> {
     world: &'a World<'w, T>,
-    settings: &'a SceneSettings,
+    settings: &'a Settings,
+    caustics: bool,
     isovalues: &'a [f32],
     sampler: &'a PathSampler,
     replicate: usize,
@@ -78,28 +81,29 @@ struct Path<'a, 'w, T> {
     walls: u32,
 }
 
-/// Traces `points` paths of every replicate from a site.
+/// Traces the paths `range` of every replicate from a site, and adds them to what was found.
 pub(super) fn trace<T: Sample>(
     world: &World<'_, T>,
     site: &Site,
+    isovalues: &[f32],
     item: u64,
-    settings: &SceneSettings,
+    range: Range<usize>,
+    settings: &Settings,
+    caustics: bool,
     found: &mut Found,
     level: &mut Counts,
     counts: &mut SceneCounts,
 ) {
-    let points = settings.rays / REPLICATES as u32;
-    found.reset(&settings.layers, world.geometry.luminaires().len());
     let turn = Turn { origin: world.on_level(0, site.start), normal: site.normal };
-    let isovalues = world.isovalues(site.isovalue);
     let tint = world.tint(0).map(f64::from);
     for replicate in 0..REPLICATES {
         let sampler = PathSampler::new(settings.seed, item, replicate as u32);
-        for index in 0..points {
+        for index in range.start as u32..range.end as u32 {
             let mut path = Path {
                 world,
                 settings,
-                isovalues: &isovalues,
+                caustics,
+                isovalues,
                 sampler: &sampler,
                 replicate,
                 index,
@@ -144,7 +148,7 @@ impl<T: Sample> Path<'_, '_, T> {
 
     fn sample_luminaires(&self, at: &Turn, turn: u32, found: &mut Found, level: &mut Counts, counts: &mut SceneCounts) {
         for l in 0..self.world.geometry.luminaires().len() {
-            if self.settings.caustics {
+            if self.caustics {
                 let images = Images { world: self.world, isovalues: self.isovalues, from: at.origin, luminaire: l };
                 images.each(level, counts, &mut |direction, value| {
                     let cosine = direction.dot(at.normal.vec().as_dvec3());
@@ -247,7 +251,7 @@ impl<T: Sample> Path<'_, '_, T> {
                 let by_light = self.world.geometry.light_density(l, from.in_world, distance, cosine);
                 (by_cosine > 0.0).then(|| by_cosine / (by_cosine + by_light))
             }
-            None => self.settings.caustics.then_some(1.0),
+            None => self.caustics.then_some(1.0),
         }
     }
 

@@ -7,7 +7,7 @@
 //! themselves, if noisily, and points and parallel light by their images in flat mirrors (`images`). Through glass and in
 //! curved mirrors these cannot be found so; see [`needs_photons`].
 
-mod bake;
+mod among;
 mod estimate;
 mod glass;
 mod images;
@@ -17,7 +17,7 @@ mod reference;
 mod sites;
 mod world;
 
-pub use bake::{GroupBricks, SceneBake, SceneSummary, bake_scene, pilot_scene};
+pub(super) use among::Among;
 pub use estimate::{MOST_SPECULAR, MOST_TURNS};
 pub use photons::{PowerBalance, trace_photons};
 pub use reference::{SceneReference, scene_radiance};
@@ -25,20 +25,6 @@ pub use sites::{LevelSite, site_radiance};
 pub use world::SceneCounts;
 
 use crate::scene::geometry::Geometry;
-use crate::transfer::Layers;
-
-/// What the estimator is asked for.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SceneSettings {
-    /// Layers and bands, coloured.
-    pub layers: Layers,
-    /// Paths per texel, over all replicates: a power of two of at least 4.
-    pub rays: u32,
-    /// Seed of all random numbers.
-    pub seed: u64,
-    /// Whether light of luminaires counts that reaches a diffuse surface by way of mirrors or glass.
-    pub caustics: bool,
-}
 
 /// Luminaires whose light cannot be found through the mirrors and glass of a scene but by photons, which are not built:
 /// points and parallel light beside glass, curved mirrors, or more than six flat ones. Empty where all is found.

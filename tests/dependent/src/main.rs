@@ -16,9 +16,9 @@ fn main() -> isolume::Result<()> {
     let layout = Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0)?, layers: layers.clone() };
     let settings = Settings { layers, rays: 64, seed: 0, target: None, positive: false };
     let selection = texels_of_isosurface(&volume, layout.lattice, 5.0);
-    let job = Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
+    let job = Bake::new(&volume, &pyramid, &layout, &settings, &selection);
     let mut texture = MemoryTexture::new(layout.clone());
-    let mut keep = |chunk, bricks| texture.insert_chunk(chunk, bricks);
+    let mut keep = |chunk, mut groups| texture.insert_chunk(chunk, groups.swap_remove(0));
     bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut keep)?;
 
     let (mesh, light) = (isolume::surface::extract(&volume, 5.0)?, Light::constant([1.0; 3]));
