@@ -12,7 +12,7 @@ use isolume::geom::Up;
 use isolume::level::{LevelField, Outcome, Pyramid, Start};
 use isolume::relight::{Contracted, Exposure, Light, LookupReport, LuminaireLight, Material, contract_scene};
 use isolume::render::{Camera, Projection, View};
-use isolume::scene::Scene;
+use isolume::scene::SceneDescription;
 use isolume::scene::geometry::Geometry;
 use isolume::transfer::{Lattice, Layers, Layout, MemoryTexture, Selection};
 use isolume::transport::{Bake, Progress, SceneReference, Settings, bake, scene_radiance};
@@ -39,7 +39,7 @@ fn boxes(folder: &Path, size: usize, paths: u32) -> isolume::Result<()> {
     std::fs::create_dir_all(folder).map_err(|e| isolume::Error::io(folder, "make the folder", e))?;
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/scenes/box.toml");
     let text = std::fs::read_to_string(file).expect("the example");
-    let scene = Scene::parse(&text, "box.toml")?;
+    let scene = SceneDescription::parse(&text, "box.toml")?;
     let volume = field::by_name(&scene.volume.value)?.expect("a field").sample()?;
     let none = |name: &str| Err(isolume::Error::argument("file", name, "no file", "none is named"));
     let geometry = scene

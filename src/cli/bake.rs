@@ -6,12 +6,12 @@ use super::input::{VolumeArgs, file_name};
 use super::isovalue::{Isovalue, tell};
 use super::light::open_probe;
 use super::options::{BakeArgs, Texture};
-use super::scene::SceneFile;
-use super::{Failure, Outcome, forecast, joint, output, replay, text};
+use super::{Failure, Outcome, forecast, output, replay, text};
 use crate::bake::{ForLight, Goal, Share, Writing, layout_of_scene};
 use crate::level::Pyramid;
 use crate::probe::{EnvFrame, Orientation};
 use crate::relight::Material;
+use crate::scene::{Scene, SceneFile};
 use crate::study::model::ENOUGH;
 use crate::transfer::store::{Replacement, Store};
 use crate::transfer::{Layout, texels_of_isosurfaces};
@@ -92,14 +92,8 @@ impl Bake {
         if let (Some(path), None) = (&self.output, self.replay_texel) {
             check_output(path)?;
         }
-        let members = self.scene.as_ref().map_or(1, SceneFile::members);
-        if members > 1 && self.chunks.is_some() {
-            let remedy = "leave out --chunks, or share out one volume among walls";
-            return Err(joint::refuse("--chunks", "a scene of one volume", remedy));
-        }
-        if members > 1 && self.replay_texel.is_some() {
-            return Err(joint::refuse("--replay-texel", "a volume alone", "give the volume itself"));
-        }
+        let mut scene = self.open()?;
+        let members = scene.members().len();
         let replacement = match &self.output {
             Some(path) if self.force && self.replay_texel.is_none() && path.symlink_metadata().is_ok() => {
                 check_store(path)?;
@@ -110,7 +104,7 @@ impl Bake {
         let target = replacement.as_ref().map(Replacement::path).or_else(|| self.output.clone());
         let mut reports = Vec::new();
         for member in 0..members {
-            match self.run_member(member, target.as_deref(), seed, start, console) {
+            match self.run_member(&mut scene, member, target.as_deref(), seed, start, console) {
                 Ok(report) => reports.extend(report),
                 Err(failure) if replacement.is_some() => {
                     let text = format!("{failure}\nthe old store is as it was: --force replaces it by a complete one");
@@ -130,23 +124,32 @@ impl Bake {
         Ok(())
     }
 
+    /// Opens what is to be baked.
+    fn open(&self) -> Outcome<Scene> {
+        let transfer = &self.bake.transfer;
+        let options = self.volume.options_with(transfer.shadowing());
+        match &self.scene {
+            Some(file) => Ok(file.open(&options, &transfer.effects())?),
+            None => Ok(Scene::open_with(&self.input, &options, &transfer.effects())?),
+        }
+    }
+
     /// Bakes one volume of a scene; what is to be told of it, if it was baked.
     fn run_member(
         &self,
+        scene: &mut Scene,
         member: usize,
         target: Option<&Path>,
         seed: u64,
         start: Instant,
         console: &Console,
     ) -> Outcome<Option<Value>> {
-        let scene = self.scene.as_ref().map(|file| file.of_member(member));
-        let scene = scene.as_ref();
-        let mut opened = super::scene::open(&self.input, &self.volume, scene, &self.bake.transfer.effects())?;
-        self.bake.transfer.switch_shadows(&mut opened.volume);
+        let opened = &mut scene.members_mut()[member];
+        let scene = self.scene.as_ref();
         let is_empty = self.is_empty(&opened.volume)?;
         // Before anything else: they decide the side that is matter.
-        let chosen = if is_empty { None } else { self.bake.isovalues(&mut opened, scene)? };
-        let volume = &opened.volume;
+        let chosen = if is_empty { None } else { self.bake.isovalues(opened, scene)? };
+        let volume = &*opened.volume;
         for note in &volume.notes {
             console.note(&note.text);
         }
@@ -175,7 +178,7 @@ impl Bake {
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let light = self.light(volume, &layout)?;
         let effects = self.bake.transfer.effects();
-        let mut job = baking::request(&opened, scene, &self.bake, isovalues, layout, settings, &effects);
+        let mut job = baking::request(opened, scene, &self.bake, isovalues, layout, settings, &effects);
         job.goal = Goal { light, seconds: self.time.map(|t| t.as_secs_f64()), ..job.goal };
         job.hints.shown = console.is_verbose();
         job.share = self.chunks;

@@ -1,13 +1,11 @@
 //! A bake from the command line: the library's request from options, a console that watches it, and what it tells.
 
 use super::console::{Console, interrupts};
-use super::input::Input;
 use super::options::{self, BakeArgs};
-use super::scene::SceneFile;
 use super::{Outcome, plan, signals, text};
 use crate::bake::{self, ESCAPE, Estimator, Goal, Hints, Observer, PhotonReport, Report, Request, Share, Task};
 use crate::error::Result;
-use crate::scene::{Effects, Plan};
+use crate::scene::{Effects, Member, Plan, SceneFile};
 use crate::transfer::Layout;
 use crate::transfer::store::{ErrorTarget, Store};
 use crate::transport::{Bias, MOST_SPECULAR, MOST_TURNS, Progress, Settings};
@@ -368,7 +366,7 @@ impl From<EstimatorArg> for Estimator {
 
 /// What the options of `bake` and `plan` ask for.
 pub(super) fn request<'a>(
-    opened: &'a Input,
+    opened: &'a Member,
     scene: Option<&SceneFile>,
     options: &BakeArgs,
     isovalues: Option<Vec<f64>>,
@@ -391,7 +389,7 @@ pub(super) fn request<'a>(
 /// What a scene says of the light to come, of some isovalues or of all.
 fn hints(scene: Option<&SceneFile>, range: (f64, f64), isovalues: Option<&[f64]>) -> Hints {
     let Some(file) = scene else { return Hints::default() };
-    let scene = &file.scene;
+    let scene = &file.description;
     Hints {
         albedo: scene.albedo.as_ref().map(|albedo| albedo.rule(range).largest_albedo(isovalues)),
         emission: Some(scene.emission.as_ref().map_or(0.0, |emission| emission.largest(isovalues))),

@@ -108,7 +108,7 @@ impl Doctor {
                 _ => (None, None),
             },
         };
-        let volume = &opened.volume;
+        let volume = &*opened.volume;
         let mut findings = volume::diagnose::diagnose(volume, isovalue);
         if let Some(isovalue) = isovalue {
             findings.extend(level::diagnose::diagnose(volume, isovalue));

@@ -33,7 +33,7 @@ const BOHR: f64 = 5.291_772_109_03e-11;
 impl Info {
     pub(super) fn run(&self, console: &Console) -> Outcome {
         if is_store(&self.input) {
-            self.volume.refuse_for("a store")?;
+            self.volume.options().refuse_for("a store")?;
             return store(&self.input, console);
         }
         let opened = input::look_at(&self.input, &self.volume)?;
@@ -235,7 +235,7 @@ pub(super) fn check_store(argument: &str) -> Result<()> {
         return Ok(());
     }
     if !Path::new(argument).exists() && field::by_name(argument).is_ok_and(|found| found.is_none()) {
-        return Err(input::missing_store(argument));
+        return Err(crate::scene::missing_store(argument));
     }
     let remedy = format!("bake the volume first: isolume bake {argument} -o NAME.isolume");
     let expected = "a transfer store; `isolume bake` makes one, `isolume relight` keeps one in its cache";

@@ -1,7 +1,7 @@
 //! What a command reads, so that it does not write over it.
 
-use super::scene::SceneFile;
 use crate::error::{Error, Result};
+use crate::scene::SceneFile;
 use std::fs::{self, Metadata};
 use std::path::{Path, PathBuf};
 

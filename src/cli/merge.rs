@@ -3,7 +3,7 @@
 use super::Outcome;
 use super::console::Console;
 use super::input::file_name;
-use super::{baking, joint, text};
+use super::{baking, text};
 use crate::error::Error;
 use crate::transfer::store::{Store, StoreOptions};
 use serde_json::json;
@@ -33,34 +33,11 @@ pub(super) struct Merge {
 impl Merge {
     pub(super) fn run(&self, console: &Console) -> Outcome {
         let sources = self.inputs.iter().map(Store::open).collect::<Result<Vec<_>, Error>>()?;
-        let first = &sources[0];
-        if sources.iter().any(|store| store.volumes().is_ok_and(|held| held.len() > 1)) {
-            let remedy = "bake into one store instead: what is there is kept";
-            return Err(joint::refuse("merge", "stores of one volume", remedy));
-        }
-        let volume = first.volume()?;
-        // Every store must fit before one is touched.
-        for store in &sources[1..] {
-            let [one, other] = [first, store].map(|store| store.identity().in_current_format());
-            if let Some((field, stored, asked)) = one.first_difference(&other) {
-                return Err(Error::Mismatch {
-                    path: store.path().into(),
-                    field: field.into(),
-                    stored: asked,
-                    asked: stored,
-                    remedy: format!("merge only shares of one bake; {} was the first", first.path().display()),
-                }
-                .into());
-            }
-        }
-        let identity = first.identity().in_current_format();
         let options = StoreOptions::default().sync(!self.no_sync);
-        let target = options.open_or_create(&self.output, &volume, &identity, first.provenance().clone())?;
-        let _lock = target.lock()?;
+        let (_, reports) = options.merge(&sources, &self.output)?;
         let mut rows = vec![["store", "chunks taken", "chunks that brought nothing"].map(String::from).to_vec()];
         let mut json_rows = Vec::new();
-        for store in &sources {
-            let report = target.take_from(store)?;
+        for (store, report) in sources.iter().zip(reports) {
             let name = store.path().display().to_string();
             rows.push(vec![name.clone(), report.taken.to_string(), report.kept.to_string()]);
             json_rows.push(json!({ "store": file_name(&name), "taken": report.taken, "kept": report.kept }));

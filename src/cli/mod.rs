@@ -36,7 +36,6 @@ mod info;
 mod input;
 mod inputs;
 mod isovalue;
-mod joint;
 mod light;
 mod man;
 mod memory;

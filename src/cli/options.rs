@@ -1,13 +1,11 @@
 //! What a bake computes, as options: shared by `plan`, `bake` and the lazy bake of `relight`.
 
 use super::baking::EstimatorArg;
-use super::input::Input;
 use super::isovalue::{Chosen, Isovalue};
 use super::memory::{self, Bound};
-use super::scene::SceneFile;
 use super::text;
 use crate::error::{Error, Result};
-use crate::scene::{EffectSwitch, Effects};
+use crate::scene::{EffectSwitch, Effects, Member, SceneFile};
 use crate::sh::MAX_BANDS;
 use crate::transfer::{Lattice, Layers, Layout, MAX_LAYERS};
 use crate::transport::{REPLICATES, Settings};
@@ -161,13 +159,13 @@ impl TransferArgs {
         Effects::new(self.effects.iter().copied())
     }
 
-    /// Tells a volume which shadows count.
-    pub(super) fn switch_shadows(&self, volume: &mut Volume) {
-        volume.shadowing = match self.effects().switched("shadowing") {
+    /// Which shadows count.
+    pub(super) fn shadowing(&self) -> Shadowing {
+        match self.effects().switched("shadowing") {
             None => Shadowing::Found,
             Some(true) => Shadowing::Traced,
             Some(false) => Shadowing::Ignored,
-        };
+        }
     }
 
     /// Settings of the estimator; a target follows from the goal. `in_time`: texels stop by a given time.
@@ -180,18 +178,18 @@ impl TransferArgs {
 
 impl BakeArgs {
     /// The isovalues asked for, in the file's values; `None` for all.
-    pub(super) fn isovalues(&self, opened: &mut Input, scene: Option<&SceneFile>) -> Result<Option<Vec<Chosen>>> {
+    pub(super) fn isovalues(&self, opened: &mut Member, scene: Option<&SceneFile>) -> Result<Option<Vec<Chosen>>> {
         if self.isovalues.is_empty() {
             opened.check_all()?;
             return Ok(None);
         }
-        opened.settle(&self.isovalues, scene).map(Some)
+        opened.settle(&self.isovalues, &|i, error| in_scene(error, scene, &self.isovalues[i])).map(Some)
     }
 }
 
 /// Names the line of a scene that an isovalue stands in.
 pub(super) fn in_scene(error: Error, scene: Option<&SceneFile>, isovalue: &Isovalue) -> Error {
-    let Some(SceneFile { scene, .. }) = scene else { return error };
+    let Some(SceneFile { description: scene, .. }) = scene else { return error };
     match scene.isovalues.iter().find(|i| i.value.parse().is_ok_and(|i: Isovalue| i == *isovalue)) {
         Some(written) => scene.at_line(written.line, error),
         None => error,

@@ -6,13 +6,12 @@ use super::input::VolumeArgs;
 use super::isovalue::{Isovalue, tell};
 use super::light::open_probe;
 use super::options::BakeArgs;
-use super::scene::SceneFile;
 use super::{Outcome, forecast, text};
 use crate::bake::{Request, layout_of_scene};
 use crate::level::Pyramid;
 use crate::probe::Orientation;
-use crate::scene;
 use crate::scene::geometry::Geometry;
+use crate::scene::{self, Scene, SceneFile};
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -48,10 +47,15 @@ pub(super) struct Plan {
 
 impl Plan {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
-        let members = self.scene.as_ref().map_or(1, SceneFile::members);
+        let transfer = &self.bake.transfer;
+        let options = self.volume.options_with(transfer.shadowing());
+        let mut scene = match &self.scene {
+            Some(file) => file.open(&options, &transfer.effects())?,
+            None => Scene::open_with(&self.input, &options, &transfer.effects())?,
+        };
         let mut plans = Vec::new();
-        for member in 0..members {
-            plans.push(self.run_member(member, seed, console)?);
+        for member in 0..scene.members().len() {
+            plans.push(self.run_member(&mut scene, member, seed, console)?);
         }
         match plans.as_slice() {
             [one] => console.print_json(one),
@@ -61,20 +65,18 @@ impl Plan {
     }
 
     /// The plan of one volume of a scene.
-    fn run_member(&self, member: usize, seed: u64, console: &Console) -> Outcome<Value> {
-        let scene = self.scene.as_ref().map(|file| file.of_member(member));
-        let scene = scene.as_ref();
-        let mut opened = super::scene::open(&self.input, &self.volume, scene, &self.bake.transfer.effects())?;
-        self.bake.transfer.switch_shadows(&mut opened.volume);
-        let chosen = self.bake.isovalues(&mut opened, scene)?;
+    fn run_member(&self, scene: &mut Scene, member: usize, seed: u64, console: &Console) -> Outcome<Value> {
+        let opened = &mut scene.members_mut()[member];
+        let scene = self.scene.as_ref();
+        let chosen = self.bake.isovalues(opened, scene)?;
         tell(console, chosen.as_deref().unwrap_or_default());
-        let volume = &opened.volume;
+        let volume = &*opened.volume;
         let geometry = opened.geometry.as_ref();
         let layout = layout_of_scene(self.bake.transfer.layout(volume, &self.bake.bands)?, geometry);
         let settings = self.bake.transfer.settings(&layout, seed, false);
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let effects = self.bake.transfer.effects();
-        let mut job = baking::request(&opened, scene, &self.bake, isovalues, layout, settings, &effects);
+        let mut job = baking::request(opened, scene, &self.bake, isovalues, layout, settings, &effects);
         job.hints.albedo = self.albedo.or(job.hints.albedo);
         if let Some(albedo) = self.albedo {
             crate::relight::Material::new([albedo; 3], [0.0; 3])?;

@@ -142,7 +142,7 @@ impl Study {
         let mut opened = super::input::open(self.input.as_deref().unwrap_or_default(), &self.volume)?;
         let chosen = opened.choose(self.isovalue)?;
         opened.take_side(std::slice::from_ref(&chosen))?;
-        let volume = &opened.volume;
+        let volume = &*opened.volume;
         for note in &volume.notes {
             console.note(&note.text);
         }

@@ -133,7 +133,7 @@ pub struct Located<T> {
 
 /// A scene as described; what a file does not say is `None`.
 #[derive(Clone, Debug)]
-pub struct Scene {
+pub struct SceneDescription {
     /// Name of the file, for messages.
     pub file: String,
     /// A path from the folder of the file, or a field such as `gyroid:96`; the first one where there are several.
@@ -183,7 +183,7 @@ const KEYS: [&str; 15] = [
 ];
 const UPS: [&str; 6] = ["x", "y", "z", "-x", "-y", "-z"];
 
-impl Scene {
+impl SceneDescription {
     /// Reads a description; `file` is its name for messages.
     ///
     /// # Errors

@@ -7,17 +7,21 @@ mod description;
 mod effects;
 pub mod geometry;
 mod material;
+mod member;
 mod names;
+mod open;
 mod plan;
 pub mod srgb;
 
 pub use colormap::Colormap;
 pub use coupling::{Coupled, Coupling, IsovalueMap};
 pub use description::{
-    Albedo, BakeDescription, CameraDescription, Located, MOST_ISOVALUES, ProbeDescription, ReadFile, Scene,
+    Albedo, BakeDescription, CameraDescription, Located, MOST_ISOVALUES, ProbeDescription, ReadFile, SceneDescription,
     Surroundings, TextureSize, VolumeDescription, WallDescription, WallShape,
 };
 pub use effects::{EFFECTS, EffectSwitch, Effects};
 pub use material::{EmissionRule, MaterialRule, Table};
+pub use member::{Front, Member, VolumeOptions, check_count, missing_store};
 pub use names::nearest;
+pub use open::{DARK, Scene, SceneFile};
 pub use plan::{Effect, Pilot, Plan, PlanInput, Surrounded, plan};

@@ -6,7 +6,7 @@ use glam::DVec3;
 use isolume::geom::Up;
 use isolume::level;
 use isolume::probe::{Orientation, ReadOptions};
-use isolume::scene::Scene;
+use isolume::scene::SceneDescription;
 use isolume::scene::geometry::read_mesh;
 use isolume::transfer::store::{ChunkExtent, ErrorTarget, Holdings, Identity, Store, pack_zip};
 use isolume::transfer::{BRICK_TEXELS, Brick, BrickSource, Lattice, Layers, Layout};
@@ -343,7 +343,7 @@ fn check_mesh(bytes: &[u8]) -> bool {
 /// A scene is read and its walls are made; rays through what was accepted end in answers.
 fn check_scene(bytes: &[u8]) -> bool {
     let Ok(text) = std::str::from_utf8(bytes) else { return false };
-    let scene = match Scene::parse(text, "fuzz.toml") {
+    let scene = match SceneDescription::parse(text, "fuzz.toml") {
         Ok(scene) => scene,
         Err(error) => {
             let message = error.to_string();

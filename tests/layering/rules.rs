@@ -24,7 +24,7 @@ pub const LAYERS: &[Layer] = &[
     layer("level", &["sh", "sampling"]),
     // Not light, not SH.
     layer("surface", &["sh", "sampling"]),
-    layer("scene", &["surface"]),
+    layer("scene", &[]),
     // Not how the transfer was computed.
     layer("transfer", &["level", "sampling"]),
     // Not files.

@@ -7,7 +7,7 @@ use crate::cli::cache::{Cache, InUse};
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, Isovalue, NamedIsovalue};
 use crate::cli::light::Lighting;
-use crate::cli::scene::{self, SceneFile};
+use crate::cli::scene;
 use crate::cli::scene_light::{Factor, contracted};
 use crate::cli::surface::Surface;
 use crate::cli::{Failure, Outcome, options, text};
@@ -16,8 +16,8 @@ use crate::geom::Bounds;
 use crate::level::Pyramid;
 use crate::relight::{Contracted, Material};
 use crate::render::{Camera, RenderOptions, Subject, radiance_along};
-use crate::scene::IsovalueMap;
 use crate::scene::geometry::Geometry;
+use crate::scene::{IsovalueMap, Scene};
 use crate::transfer::store::{CouplingIdentity, Store};
 use crate::volume::Volume;
 use glam::{DVec3, Vec3};
@@ -234,34 +234,23 @@ pub(super) struct Baked {
 }
 
 /// Bakes what all volumes of a scene need for the isovalues asked for.
-pub(super) fn bake(
-    command: &Relight,
-    file: &SceneFile,
-    seed: u64,
-    start: Instant,
-    console: &Console,
-) -> Outcome<Baked> {
+pub(super) fn bake(command: &Relight, scene: Scene, seed: u64, start: Instant, console: &Console) -> Outcome<Baked> {
     let transfer = &command.transfer;
     let cache = Cache::locate(command.cache.as_deref())?;
     cache.prepare()?;
     let (effects, mut path, mut found, mut rays): (_, Option<PathBuf>, _, _) = (transfer.effects(), None, None, 0);
     let mut in_use = None;
-    for member in 0..file.members() {
-        let file = file.of_member(member);
-        let mut opened = scene::open(&command.input, &command.volume, Some(&file), &effects)?;
-        transfer.switch_shadows(&mut opened.volume);
+    let bands = command.scene.as_ref().and_then(scene::bands).unwrap_or(vec![5]);
+    for (member, opened) in scene.members().iter().enumerate() {
         opened.volume.notes.iter().for_each(|note| console.note(&note.text));
-        let volume = &opened.volume;
+        let volume = &*opened.volume;
         let resolve = |named: &NamedIsovalue| {
-            let Some(joint) = &opened.joint else {
-                return named.isovalue.resolve(volume, Some(volume.solid), None);
-            };
-            let chosen = joint.resolve_named(named, volume, opened.default_isovalue);
-            chosen.map_err(|e| options::in_scene(e, Some(&file), &named.isovalue))
+            let chosen = opened.choose_named(named.volume.as_deref(), named.isovalue);
+            chosen.map_err(|e| options::in_scene(e, command.scene.as_ref(), &named.isovalue))
         };
         let isovalues = command.isovalue.iter().map(|i| Ok(resolve(i)?.value)).collect::<Result<Vec<f64>>>()?;
         let geometry = opened.geometry.as_ref();
-        let layout = layout_of_scene(transfer.layout(volume, &file.bands().unwrap_or(vec![5]))?, geometry);
+        let layout = layout_of_scene(transfer.layout(volume, &bands)?, geometry);
         let settings = transfer.settings(&layout, seed, false);
         let job = Request {
             goal: Goal { error: transfer.error, ..Goal::default() },
@@ -281,7 +270,7 @@ pub(super) fn bake(
         }
         in_use = Some(filled.in_use);
         if member == 0 {
-            found = opened.geometry;
+            found = opened.geometry.clone();
         }
     }
     let Some(path) = path else { return Err(Failure::Message("a scene without volumes".into())) };

@@ -5,10 +5,9 @@
 
 use super::Relight;
 use crate::cli::Outcome;
-use crate::cli::input::Input;
 use crate::cli::isovalue::{Chosen, Isovalue, NamedIsovalue};
 use crate::cli::light::Triple;
-use crate::cli::scene::SceneFile;
+use crate::scene::{Member, SceneFile};
 use crate::volume::Solid;
 
 /// Factors on the albedo of the lobe above 0 and of that below: mild, and told apart by most colour-blind people.
@@ -16,9 +15,9 @@ const COLOURS: [[f32; 3]; 2] = [[1.0, 0.62, 0.42], [0.42, 0.66, 1.0]];
 
 /// The two levels that are to be shown together, the one above 0 first: those of a choice of both lobes, or two of
 /// opposite sign that were given, where what is written cannot tell isovalues apart.
-pub(super) fn levels(command: &Relight, opened: &Input, chosen: &[Chosen]) -> Option<[f64; 2]> {
+pub(super) fn levels(command: &Relight, opened: &Member, chosen: &[Chosen]) -> Option<[f64; 2]> {
     let several = command.output.iter().any(|output| command.tells_isovalues_apart(output));
-    if several || opened.side_is_given || opened.joint.is_some() || opened.geometry.is_some() {
+    if several || opened.has_side() || opened.geometry.is_some() {
         return None;
     }
     let mut values = match chosen {
@@ -36,7 +35,7 @@ pub(super) fn levels(command: &Relight, opened: &Input, chosen: &[Chosen]) -> Op
 }
 
 /// The command and the scene that show them.
-pub(super) fn scene(command: &Relight, opened: &Input, [above, below]: [f64; 2]) -> Outcome<(Relight, SceneFile)> {
+pub(super) fn scene(command: &Relight, opened: &Member, [above, below]: [f64; 2]) -> Outcome<(Relight, SceneFile)> {
     let mut material = command.material.clone();
     let colours = if material.colormap.is_some() {
         let rule = material.rule(opened.volume.value_range())?;

@@ -16,13 +16,12 @@ use super::isovalue::{Chosen, Isovalue, NamedIsovalue, check_count};
 use super::light::{LightArgs, MaterialArgs, open_probe};
 use super::options::TransferArgs;
 use super::picture::PictureArgs;
-use super::scene::SceneFile;
 use super::surface::Surface;
 use super::{Failure, Outcome, info, options, text};
 use crate::error::Error;
 use crate::probe::{Probe, SunOptions, split_sun};
 use crate::scene::geometry::Geometry;
-use crate::scene::{EmissionRule, MaterialRule};
+use crate::scene::{EmissionRule, MaterialRule, Scene, SceneFile};
 use crate::transfer::store::{FRONT_NOT_RECORDED, Store};
 use crate::volume::Volume;
 use crate::volume::isovalue::Level;
@@ -160,7 +159,7 @@ impl Relight {
         let probes = self.open_probes(console)?;
         check_count(self.isovalue.len())?;
         if info::is_store(&self.input) {
-            self.volume.refuse_for("a store")?;
+            self.volume.options().refuse_for("a store")?;
             self.refuse_effects_of_bakes()?;
             let store = Store::open(&self.input)?;
             if let Some(members) = Members::of(&store)? {
@@ -181,24 +180,31 @@ impl Relight {
             let source = Source { store, transport_rays: 0 };
             return work.light(&source, Vec::new());
         }
-        if let Some(file) = self.scene.as_ref().filter(|file| file.members() > 1) {
-            return self.light_scene(file, &probes, seed, start, console);
+        let options = self.volume.options_with(self.transfer.shadowing());
+        let mut scene = match &self.scene {
+            Some(file) => file.open(&options, &self.transfer.effects())?,
+            None => Scene::open_with(&self.input, &options, &self.transfer.effects())?,
+        };
+        if scene.members().len() > 1 {
+            return self.light_scene(scene, &probes, seed, start, console);
         }
         self.refuse_names("this is one volume alone")?;
-        let mut opened = super::scene::open(&self.input, &self.volume, self.scene.as_ref(), &self.transfer.effects())?;
-        self.transfer.switch_shadows(&mut opened.volume);
+        let Some(opened) = scene.members_mut().first_mut() else {
+            return Err(Failure::Message("a scene without volumes".into()));
+        };
         let resolve = |i: &NamedIsovalue| {
             let resolved = self.or_empty(&i.isovalue, &opened.volume, opened.choose(i.isovalue));
             resolved.map_err(|e| options::in_scene(e, self.scene.as_ref(), &i.isovalue))
         };
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
-        if let Some(levels) = lobes::levels(self, &opened, &chosen) {
+        if let Some(levels) = lobes::levels(self, opened, &chosen) {
             let [above, below] = levels.map(|level| text::number(level, 6));
             let reason = chosen[0].reason.as_ref().map(|r| format!(": {r}")).unwrap_or_default();
             console.note(format!("two lobes, above {above} and below {below}{reason}; they light each other"));
-            let (command, file) = lobes::scene(self, &opened, levels)?;
-            drop(opened);
-            return command.light_scene(&file, &probes, seed, start, console);
+            let (command, file) = lobes::scene(self, opened, levels)?;
+            drop(scene);
+            let scene = file.open(&command.volume.options(), &command.transfer.effects())?;
+            return Relight { scene: Some(file), ..command }.light_scene(scene, &probes, seed, start, console);
         }
         let chosen = self.with_more(chosen, console);
         opened.take_side(&chosen)?;
@@ -221,13 +227,13 @@ impl Relight {
     /// Bakes the volumes of a scene of several, and lights them.
     fn light_scene(
         &self,
-        file: &SceneFile,
+        scene: Scene,
         probes: &[Probe],
         seed: u64,
         start: Instant,
         console: &Console,
     ) -> Outcome<Relit> {
-        let baked = joint::bake(self, file, seed, start, console)?;
+        let baked = joint::bake(self, scene, seed, start, console)?;
         let Some(members) = Members::of(&baked.store)? else {
             return Err(Failure::Message("a scene of several volumes was baked as one".into()));
         };
@@ -348,8 +354,8 @@ impl Relight {
     fn in_scene(&self, error: Error, environment: &str) -> Error {
         match &self.scene {
             Some(file) if file.environment().as_deref() == Some(environment) => {
-                let line = file.scene.probe.as_ref().map_or(1, |probe| probe.name.line);
-                file.scene.at_line(line, error)
+                let line = file.description.probe.as_ref().map_or(1, |probe| probe.name.line);
+                file.description.at_line(line, error)
             }
             _ => error,
         }
@@ -369,7 +375,7 @@ impl Relight {
 
     /// Albedo over the isovalue: as options say, else the scene.
     fn albedo_rule(&self, range: (f64, f64)) -> Outcome<MaterialRule> {
-        match self.scene.as_ref().and_then(|file| file.scene.albedo.as_ref()) {
+        match self.scene.as_ref().and_then(|file| file.description.albedo.as_ref()) {
             Some(albedo) if !self.material.says_albedo() => Ok(albedo.rule(range)),
             _ => self.material.rule(range),
         }
@@ -380,7 +386,7 @@ impl Relight {
         if self.transfer.effects().switched("emission") == Some(false) {
             return EmissionRule::Constant([0.0; 3]);
         }
-        let of_scene = self.scene.as_ref().and_then(|file| file.scene.emission.clone());
+        let of_scene = self.scene.as_ref().and_then(|file| file.description.emission.clone());
         match self.material.emission {
             Some(emission) => EmissionRule::Constant(emission.0),
             None => of_scene.unwrap_or(EmissionRule::Constant([0.0; 3])),

@@ -10,7 +10,7 @@ use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, tell};
 use crate::cli::output::{Format, Target, make_folder, targets};
 use crate::cli::picture::check_size;
-use crate::cli::scene::SceneFile;
+use crate::cli::scene;
 use crate::cli::surface::Surface;
 use crate::cli::{Outcome, text};
 use crate::error::Error;
@@ -84,7 +84,7 @@ impl<'a> Work<'a> {
         let pyramid = Pyramid::new(volume);
         let rule = command.albedo_rule(volume.value_range())?;
         let (emission, effects) = (command.emission_rule(), command.transfer.effects());
-        let up = command.volume.up_of(volume.up)?;
+        let up = command.volume.options().up_of(volume.up)?;
         let read_time = start.elapsed();
         Ok(Self {
             command,
@@ -143,7 +143,7 @@ impl<'a> Work<'a> {
     /// Bakes what the isosurfaces need, coarsely first where the whole takes long, and lights them each time.
     pub(super) fn bake_and_light(&self, label: &str, seed: u64) -> Outcome<Relit> {
         let transfer = &self.command.transfer;
-        let bands = self.command.scene.as_ref().and_then(SceneFile::bands).unwrap_or(vec![5]);
+        let bands = self.command.scene.as_ref().and_then(scene::bands).unwrap_or(vec![5]);
         let layout = layout_of_scene(transfer.layout(self.volume, &bands)?, self.geometry);
         let settings = transfer.settings(&layout, seed, false);
         let job = Request {

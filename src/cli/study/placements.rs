@@ -5,9 +5,8 @@ use crate::cli::input::VolumeArgs;
 use crate::cli::isovalue::Isovalue;
 use crate::cli::light::{Triple, open_probe, parse_triple};
 use crate::cli::options::{Texture, check_memory, default_memory_limit, parse_bytes, parse_rays, parse_texture};
-use crate::cli::scene::{DARK, SceneFile};
 use crate::cli::surface::Surface;
-use crate::cli::{Outcome, input, output, scene, text};
+use crate::cli::{Failure, Outcome, input, output, text};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::level::Pyramid;
@@ -16,6 +15,7 @@ use crate::sampling::DirectionalSource;
 use crate::sampling::statistics::Running;
 use crate::scene::Effects;
 use crate::scene::geometry::Geometry;
+use crate::scene::{DARK, Scene, SceneFile};
 use crate::study::placements::{LEVEL_SETS, Placement, Route, RouteFound, RouteReference};
 use crate::transfer::Lattice;
 use cpu_time::ProcessTime;
@@ -106,10 +106,17 @@ impl PlacementsArgs {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
         let is_scene = self.input.to_ascii_lowercase().ends_with(".toml");
         let file = is_scene.then(|| SceneFile::read(&self.input)).transpose()?;
-        let mut opened = scene::open(&self.input, &self.volume, file.as_ref(), &Effects::default())?;
+        let options = self.volume.options();
+        let mut scene = match &file {
+            Some(file) => file.open(&options, &Effects::default())?,
+            None => Scene::open_with(&self.input, &options, &Effects::default())?,
+        };
+        let Some(opened) = scene.members_mut().first_mut() else {
+            return Err(Failure::Message("a scene without volumes".into()));
+        };
         let chosen = opened.choose(self.isovalue)?;
         opened.take_side(std::slice::from_ref(&chosen))?;
-        let volume = &opened.volume;
+        let volume = &*opened.volume;
         for note in &volume.notes {
             console.note(&note.text);
         }
@@ -126,7 +133,7 @@ impl PlacementsArgs {
         };
         let isovalue = chosen.value;
         let probe = self.probe(file.as_ref())?;
-        let turned = file.as_ref().and_then(|f| f.scene.probe.as_ref()?.rotation).unwrap_or(0.0);
+        let turned = file.as_ref().and_then(|f| f.description.probe.as_ref()?.rotation).unwrap_or(0.0);
         let orientation = Orientation::new(volume.up, turned)?;
         let source = probe.as_ref().map(|p| p.source(orientation));
         let nothing = Geometry::new(Vec::new(), Vec::new(), 1.0)?;
@@ -206,8 +213,8 @@ impl PlacementsArgs {
     /// Albedo and emission over the isovalue.
     fn material(&self, file: Option<&SceneFile>, range: (f64, f64)) -> impl Fn(f64) -> [[f32; 3]; 2] {
         let given = self.albedo.map(|triple| triple.0);
-        let described = file.and_then(|f| f.scene.albedo.as_ref()).map(|albedo| albedo.rule(range));
-        let emission = file.and_then(|f| f.scene.emission.clone());
+        let described = file.and_then(|f| f.description.albedo.as_ref()).map(|albedo| albedo.rule(range));
+        let emission = file.and_then(|f| f.description.emission.clone());
         move |isovalue| {
             let albedo = given.or_else(|| described.as_ref().map(|rule| rule.albedo(isovalue))).unwrap_or([0.7; 3]);
             [albedo, emission.as_ref().map_or([0.0; 3], |rule| rule.at(isovalue))]

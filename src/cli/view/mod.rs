@@ -8,7 +8,7 @@ use super::cache::{Cache, Filled, InUse};
 use super::complete::Completeness;
 use super::console::Console;
 use super::info::{self, check_store};
-use super::input::{self, VolumeArgs};
+use super::input::VolumeArgs;
 use super::inputs::Inputs;
 use super::isovalue::Isovalue;
 use super::light::open_probe;
@@ -19,6 +19,7 @@ use crate::bake::{Goal, Request};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::probe::{EMBEDDED, Probe};
+use crate::scene::Member;
 use crate::transfer::store::Store;
 use crate::view::page::page_in_one_file;
 use crate::view::{Coding, Options, Package, Subject, pack};
@@ -107,8 +108,7 @@ impl View {
                 ("a store or a volume", "bake the scene and relight it; the page shows volumes alone");
             return Err(Error::argument("input", &self.input, expected, remedy).into());
         }
-        let mut opened = input::open(&self.input, &self.volume)?;
-        self.transfer.switch_shadows(&mut opened.volume);
+        let opened = Member::open(&self.input, &self.volume.options_with(self.transfer.shadowing()))?;
         opened.volume.check_cells()?;
         opened.volume.notes.iter().for_each(|note| console.note(&note.text));
         let layout = self.transfer.layout(&opened.volume, &[5])?;

@@ -1,7 +1,7 @@
 //! The sections `[[walls]]`, `[[objects]]` (another word for the same) and `[[luminaires]]`.
 
 use super::read::{Item, Section};
-use super::{Located, Scene};
+use super::{Located, SceneDescription};
 use crate::error::{Error, Result};
 use crate::scene::geometry::{Finish, Geometry, Luminaire, LuminaireShape, Shape, TriangleMesh, Wall, read_mesh};
 use glam::{DMat3, DVec3};
@@ -73,7 +73,7 @@ impl Surroundings {
     /// When a file cannot be read or is no mesh (naming the line), or as [`Geometry::new`].
     pub fn assemble(
         &self,
-        scene: &Scene,
+        scene: &SceneDescription,
         metres_per_unit: f64,
         read: &mut ReadFile<'_>,
         surface: &mut dyn FnMut(&str, f64) -> Result<TriangleMesh>,

@@ -5,7 +5,7 @@ use crate::scene::MaterialRule;
 
 #[test]
 fn a_volume_alone_is_a_scene() {
-    let scene = Scene::parse("volume = \"sphere\"\n", "s.toml").expect("a scene");
+    let scene = SceneDescription::parse("volume = \"sphere\"\n", "s.toml").expect("a scene");
     assert_eq!((scene.volume.value.as_str(), scene.volume.line), ("sphere", 1));
     assert!(scene.isovalues.is_empty() && scene.outputs.is_empty() && scene.albedo.is_none() && scene.probe.is_none());
     assert_eq!(scene.bake, BakeDescription::default());
@@ -43,7 +43,7 @@ projection = \"perspective\"
 exposure = -1.5
 background = \"#102030\"
 ";
-    let scene = Scene::parse(text, "s.toml").expect("a scene");
+    let scene = SceneDescription::parse(text, "s.toml").expect("a scene");
     assert_eq!((scene.solid, scene.up), (Some(Solid::Below), Some(Up::NegY)));
     let isovalues: Vec<&str> = scene.isovalues.iter().map(|i| i.value.as_str()).collect();
     assert_eq!(isovalues, ["90", "40%", "auto"]);
@@ -96,11 +96,11 @@ const MISTAKES: [(&str, usize, &[&str]); 26] = [
 fn mistakes_name_their_line_and_a_remedy() {
     for (text, line, words) in MISTAKES {
         let whole = format!("volume = \"sphere:8\"\n{text}\n");
-        let Err(error) = Scene::parse(&whole, "s.toml") else { panic!("{text} was accepted") };
+        let Err(error) = SceneDescription::parse(&whole, "s.toml") else { panic!("{text} was accepted") };
         let message = error.to_string();
         assert!(message.starts_with(&format!("s.toml:{line}: ")), "{text}: {message}");
         assert!(words.iter().all(|word| message.contains(word)), "{text}: {message}");
     }
-    let Err(error) = Scene::parse("up = \"z\"", "s.toml") else { panic!("no volume") };
+    let Err(error) = SceneDescription::parse("up = \"z\"", "s.toml") else { panic!("no volume") };
     assert!(error.to_string().contains("`volume`"), "{error}");
 }

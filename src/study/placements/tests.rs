@@ -1,6 +1,6 @@
 use super::*;
 use crate::sampling::statistics::{Running, log_log_slope, sidak, t_within};
-use crate::scene::Scene;
+use crate::scene::SceneDescription;
 use crate::surface::extract;
 use crate::volume::field;
 
@@ -11,7 +11,7 @@ fn volume(spec: &str) -> Volume {
 /// The walls and the luminaire of the example.
 fn box_scene() -> Geometry {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/scenes/box.toml");
-    let scene = Scene::parse(&std::fs::read_to_string(file).unwrap(), "box.toml").unwrap();
+    let scene = SceneDescription::parse(&std::fs::read_to_string(file).unwrap(), "box.toml").unwrap();
     let none = || Error::argument("file", "none", "no file", "none is named");
     scene.surroundings.assemble(&scene, 1.0, &mut |_, _| Err(none()), &mut |_, _| Err(none())).unwrap()
 }

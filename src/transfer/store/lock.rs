@@ -40,6 +40,7 @@ struct Locked {
 
 const COMMON: &str = crate::staging::LOCK;
 const SHARE: &str = ".lock-share-";
+const ADDING: &str = ".lock-adding";
 
 /// Takes the lock of the store in `directory`.
 ///
@@ -65,6 +66,12 @@ pub(super) fn lock_share(directory: &Path, share: usize, shares: usize) -> Resul
         }
     }
     Ok(StoreLock { _files: vec![own, common] })
+}
+
+/// Waits for the right to name another volume in the root, which shares of one bake may want at once.
+pub(super) fn adding(directory: &Path) -> Result<StoreLock> {
+    let wait = |file: &File| file.lock().map_err(TryLockError::Error);
+    Ok(StoreLock { _files: vec![take(directory, ADDING, wait)?] })
 }
 
 fn take(directory: &Path, name: &str, try_lock: fn(&File) -> std::result::Result<(), TryLockError>) -> Result<Locked> {

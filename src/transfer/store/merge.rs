@@ -1,8 +1,9 @@
 //! Putting together what was baked apart: the chunks of one store taken over into another of the same identity.
 
-use super::Store;
-use crate::error::Result;
+use super::{Store, StoreOptions};
+use crate::error::{Error, Result};
 use crate::transfer::{BRICK_TEXELS, Brick, Layers, validity};
+use std::path::Path;
 
 /// What a merge did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -11,6 +12,74 @@ pub struct MergeReport {
     pub taken: usize,
     /// Chunks of the other store that brought nothing.
     pub kept: usize,
+}
+
+impl StoreOptions {
+    /// Puts the chunks of several stores of one bake together in the store at `path`, volume by volume; it is made if there is
+    /// none. What each of the stores brought, over all volumes. Stores may be of an older format.
+    ///
+    /// # Errors
+    /// When there is no store to read, their identities differ (before anything is written), a chunk is damaged, or the
+    /// system refuses.
+    pub fn merge(self, sources: &[Store], path: impl AsRef<Path>) -> Result<(Store, Vec<MergeReport>)> {
+        let path = path.as_ref();
+        let [first, ..] = sources else {
+            return Err(Error::argument("stores", "none", "at least one store to read", "name the shares of a bake"));
+        };
+        let mut names: Vec<String> = Vec::new();
+        for store in sources {
+            names.extend(store.volumes()?.into_iter().filter(|name| !names.contains(name)).collect::<Vec<_>>());
+        }
+        // The parts of each volume, with the store that they come from.
+        let mut all: Vec<Vec<(usize, Store)>> = Vec::new();
+        for name in &names {
+            let mut parts: Vec<(usize, Store)> = Vec::new();
+            for (i, store) in sources.iter().enumerate() {
+                if store.volumes()?.contains(name) {
+                    parts.push((i, store.of_volume(name)?));
+                }
+            }
+            // Every store must fit before one is touched.
+            for (_, store) in parts.iter().skip(1) {
+                let [one, other] = [&parts[0].1, store].map(|store| store.identity().in_current_format());
+                if let Some((field, stored, asked)) = one.first_difference(&other) {
+                    return Err(Error::Mismatch {
+                        path: store.path().into(),
+                        field: field.into(),
+                        stored: asked,
+                        asked: stored,
+                        remedy: format!("merge only shares of one bake; {} was the first", first.path().display()),
+                    });
+                }
+            }
+            all.push(parts);
+        }
+        let mut reports = vec![MergeReport::default(); sources.len()];
+        let mut lock = None;
+        let mut merged = None;
+        for parts in &all {
+            let [(_, part), ..] = parts.as_slice() else { continue };
+            let (volume, identity) = (part.volume()?, part.identity().in_current_format());
+            let is_coupled = identity.scene.as_ref().is_some_and(|scene| scene.coupling.is_some());
+            let target = match is_coupled {
+                true => self.open_or_add(path, &volume, &identity, part.provenance().clone())?,
+                false => self.open_or_create(path, &volume, &identity, part.provenance().clone())?,
+            };
+            if lock.is_none() {
+                lock = Some(target.lock()?);
+            }
+            for (i, part) in parts {
+                let report = target.take_from(part)?;
+                reports[*i].taken += report.taken;
+                reports[*i].kept += report.kept;
+            }
+            merged.get_or_insert(target);
+        }
+        match merged {
+            Some(merged) => Ok((merged, reports)),
+            None => Err(Error::format("store", "no volume", "one at least", "bake into it").in_file(first.path())),
+        }
+    }
 }
 
 impl Store {

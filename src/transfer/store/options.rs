@@ -2,7 +2,7 @@
 
 use super::joint::{coupling_text, expects};
 use super::metadata::{check_chunks, check_provenance, check_volume, node_name, nodes_of};
-use super::{Identity, Store, mend};
+use super::{Identity, Store, lock, mend};
 use crate::error::{Error, Result};
 use crate::volume::Volume;
 use serde_json::Value;
@@ -91,6 +91,7 @@ impl StoreOptions {
             return self.open_or_create(path, volume, identity, provenance);
         }
         let node = node_name(&volume.name);
+        let _adding = if path.is_dir() { Some(lock::adding(path)?) } else { None };
         // A root that can be read decides: a volume that it does not name was not added to the end.
         let (mut store, mut held) = match Store::open(path).and_then(|store| Ok((store.volumes()?, store))) {
             Ok((held, store)) if !held.contains(&node) => (store, held),

@@ -208,7 +208,7 @@ fn crosses(volume: &Volume, Level { value, solid }: Level) -> bool {
 }
 
 /// To eight digits.
-fn number(value: f64) -> String {
+pub(crate) fn number(value: f64) -> String {
     let rounded: f64 = format!("{value:.7e}").parse().unwrap_or(value);
     let is_plain = rounded == 0.0 || (1e-5..1e15).contains(&rounded.abs());
     if is_plain { rounded.to_string() } else { format!("{rounded:e}") }
