@@ -43,7 +43,9 @@ impl Scene {
 
     /// A volume among walls and luminaires.
     pub fn among(volume: Volume, geometry: Geometry) -> Self {
-        Self { members: vec![Member { geometry: Some(geometry), ..Member::of(volume) }], description: None }
+        let mut member = Member::of(volume);
+        member.geometry = Some(geometry);
+        Self { members: vec![member], description: None }
     }
 
     /// Volumes that light each other, by name unique, in one world; `coupling` says which of their isovalues belong together,
