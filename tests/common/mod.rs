@@ -1,5 +1,13 @@
-//! Scenes and measures shared by the judges of light transport and relight. Public API only.
+//! What test binaries share: here scenes and measures of light transport and relight, below hard cases, the oracle of
+//! rays, and the program in a folder of its own. Public API only.
 #![allow(dead_code)] // Every test binary uses its own part of this.
+
+pub mod cases;
+pub mod oracle;
+pub mod program;
+pub mod rays;
+pub mod stability;
+pub mod twins;
 
 use glam::DVec3;
 use isolume::geom::Bounds;

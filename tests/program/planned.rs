@@ -1,0 +1,214 @@
+//! What the plan leaves out stays within what it says, and costs nothing: eight scenes, planned against full.
+
+use crate::common::program::Bench;
+use isolume::level::Pyramid;
+use isolume::transfer::{Lattice, Layers, Layout};
+use isolume::transport::{Bake, Settings, pilot};
+use isolume::volume::field::by_name;
+use serde_json::Value;
+use std::path::Path;
+
+struct Planned {
+    name: &'static str,
+    /// Of the scene: volume, isovalue, albedo.
+    volume: &'static str,
+    isovalue: f64,
+    albedo: f64,
+    /// The brightest light: environment, luminaire, or the level set itself.
+    brightest: f64,
+    /// What else the scene holds.
+    rest: &'static str,
+    /// Effects that the plan must switch off.
+    off: &'static [&'static str],
+}
+
+const CONSTANT: &str = "[probe]\nname = \"constant\"\n";
+const LAMP: &str = "[[luminaires]]\nname = \"lamp\"\nshape = \"rectangle\"\ncorner = [0.3, 0, 0.3]\nu = [0, 0, 0.4]\n\
+    v = [0.4, 0, 0]\npower = 0.5026548245743669\n";
+
+/// 0.16 π W on 0.16 m²: radiance 1.
+const SCENES: [Planned; 8] = [
+    Planned {
+        name: "convex",
+        volume: "sphere:17",
+        isovalue: -0.6,
+        albedo: 0.7,
+        brightest: 1.0,
+        rest: "",
+        off: &["shadowing", "interreflection", "walls", "luminaires", "caustics", "media", "colour-channels"],
+    },
+    Planned {
+        name: "dark",
+        volume: "gyroid:17",
+        isovalue: 0.0,
+        albedo: 0.15,
+        brightest: 1.0,
+        rest: "",
+        off: &["walls", "luminaires", "caustics", "media", "emission"],
+    },
+    Planned {
+        name: "bowl",
+        volume: "bowl:17",
+        isovalue: 0.7,
+        albedo: 0.4,
+        brightest: 1.0,
+        rest: "",
+        off: &["walls", "luminaires", "caustics", "media", "emission"],
+    },
+    Planned {
+        name: "black",
+        volume: "bumpbox:17",
+        isovalue: 47.0,
+        albedo: 0.0,
+        brightest: 1.0,
+        rest: "",
+        off: &["interreflection", "walls", "luminaires", "caustics", "media", "emission"],
+    },
+    Planned {
+        name: "glowing",
+        volume: "gyroid:17",
+        isovalue: 0.5,
+        albedo: 0.3,
+        brightest: 2.0,
+        rest: "emission = 1.0\n",
+        off: &["walls", "luminaires", "caustics", "media"],
+    },
+    Planned {
+        name: "closed room",
+        volume: "bumpbox:17",
+        isovalue: 47.0,
+        albedo: 0.5,
+        brightest: 1.0,
+        rest: "[[walls]]\nshape = \"room\"\nmin = [0, 0, 0]\nmax = [1, 1, 1]\nalbedo = [0.6, 0.4, 0.3]\n",
+        off: &["caustics", "media", "emission"],
+    },
+    Planned {
+        name: "open room",
+        volume: "bumpbox:17",
+        isovalue: 47.0,
+        albedo: 0.5,
+        brightest: 1.0,
+        rest: "[[walls]]\nshape = \"room\"\nmin = [-0.1, -0.1, -0.1]\nmax = [1.1, 1.1, 1.1]\nalbedo = 0.5\nopen = \"-y\"\n",
+        off: &["luminaires", "caustics", "media", "emission"],
+    },
+    Planned {
+        name: "glass",
+        volume: "bumpbox:17",
+        isovalue: 47.0,
+        albedo: 0.5,
+        brightest: 1.0,
+        rest: "[[objects]]\nshape = \"sphere\"\ncentre = [0.5, 0.15, 0.5]\nradius = 0.1\nmaterial = \"glass\"\n",
+        off: &["media", "emission"],
+    },
+];
+
+fn row<'a>(plan: &'a Value, name: &str) -> &'a Value {
+    plan["effects"].as_array().expect("rows").iter().find(|e| e["name"] == name).expect("a row")
+}
+
+/// Mean radiance of the vertices (its three channels are the last before the errors), and how many there are.
+fn mean_radiance(path: &Path) -> (f64, usize) {
+    let bytes = std::fs::read(path).expect("a file");
+    let end = b"end_header\n";
+    let at = bytes.windows(end.len()).position(|w| w == end).expect("a header") + end.len();
+    let header = String::from_utf8_lossy(&bytes[..at]).into_owned();
+    let count: usize = header.lines().find_map(|l| l.strip_prefix("element vertex ")?.parse().ok()).expect("vertices");
+    let properties: Vec<Vec<&str>> = header
+        .lines()
+        .skip_while(|l| !l.starts_with("element vertex"))
+        .skip(1)
+        .take_while(|l| l.starts_with("property"))
+        .map(|l| l.split_whitespace().collect())
+        .collect();
+    let size = |p: &Vec<&str>| if p[1] == "uchar" { 1 } else { 4 };
+    let stride: usize = properties.iter().map(size).sum();
+    let offset: usize = properties.iter().take_while(|p| !p[2].starts_with("radiance")).map(size).sum();
+    let number = |i: usize, c: usize| {
+        let from = at + i * stride + offset + 4 * c;
+        f64::from(f32::from_le_bytes(bytes[from..from + 4].try_into().expect("four bytes")))
+    };
+    ((0..count).map(|i| (number(i, 0) + number(i, 1) + number(i, 2)) / 3.0).sum::<f64>() / count as f64, count)
+}
+
+#[test]
+fn eight_scenes_planned_and_full() {
+    for scene in SCENES {
+        let bench = Bench::new();
+        let Planned { name, volume, isovalue, albedo, .. } = scene;
+        let light = if scene.off.contains(&"luminaires") { CONSTANT } else { LAMP };
+        let text = format!(
+            "volume = \"{volume}\"\nisovalues = {isovalue}\n[material]\nalbedo = {albedo}\n{}{light}[bake]\nrays = 32\nbands = 2\n",
+            scene.rest
+        );
+        bench.write("s.toml", text);
+        let needed = bench.json("plan s.toml --layers 8")["layers_needed"].as_u64().expect("a number");
+        let plan = bench.json(&format!("plan s.toml --layers {needed}"));
+        let stated: f64 = plan["effects"].as_array().expect("rows").iter().filter_map(|e| e["error"].as_f64()).sum();
+        let baked = bench.json(&format!("bake s.toml --layers {needed} -o planned.isolume"));
+        for effect in scene.off {
+            assert_eq!(row(&plan, effect)["on"], false, "{name}: {effect}");
+            let counters = baked["bake"]["effects"][effect].as_object();
+            for (what, count) in counters.into_iter().flatten().filter(|(what, _)| !what.contains("rays_saved")) {
+                assert!(*count == 0 || what == "open_texels", "{name}: {effect} {what} {count}");
+            }
+        }
+        let alone = !scene.rest.contains("shape") && !light.contains("shape");
+        let traced = if alone { "--effects +shadowing" } else { "" };
+        bench.json(&format!("bake s.toml --layers 8 {traced} -o full.isolume"));
+        let env = if light == LAMP { "constant:0" } else { "constant" };
+        let emission = if scene.rest.contains("emission") { "--emission 1" } else { "" };
+        let lit = |store: &str| {
+            let line =
+                format!("relight {store}.isolume --isovalue {isovalue} --env {env} --albedo {albedo} {emission}");
+            let told = bench.json(&format!("{line} --exposure 0 --radiance -o {store}.ply"));
+            let rms = told["files"][0]["error"]["rms_over_mean"].as_f64().expect("an error");
+            let (mean, count) = mean_radiance(&bench.path(&format!("{store}.ply")));
+            // Of eight texels that a vertex reads, vertices around share most.
+            (mean, rms * mean / (count as f64 / 8.0).sqrt())
+        };
+        let ((planned, noise), (full, noise_of_full)) = (lit("planned"), lit("full"));
+        let allowed = stated * scene.brightest + 4.0 * noise.hypot(noise_of_full);
+        println!(
+            "{name}: {needed} layers, stated {stated:.5}, planned {planned:.5}, full {full:.5}, difference {:.5}, noise {:.5}",
+            (planned - full).abs(),
+            noise.hypot(noise_of_full)
+        );
+        assert!((planned - full).abs() <= allowed, "{name}: {planned} for {full}, allowed {allowed}, {needed} layers");
+        assert!(full > 0.0 || albedo == 0.0, "{name}: {full}");
+        // It is a bound that says something.
+        assert!(stated < 0.05, "{name}: {stated}");
+    }
+}
+
+/// On the bowl what layers beyond K bring is ρ^(K+2) f (1−f)^(K+1)/(1 − ρ(1−f)), the bound ρ^(K+2) (1−f)^(K+1): their ratio
+/// f/(1 − ρ(1−f)) goes to 1 with ρ.
+#[test]
+fn the_bound_becomes_an_equality_on_the_bowl() {
+    let volume = by_name("bowl:33").expect("a field").expect("a field").sample().expect("a volume");
+    let pyramid = Pyramid::new(&volume);
+    let of_layers = |count: usize| {
+        let layers = Layers::uniform(count, 1).expect("layers");
+        let layout =
+            Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).expect("a lattice"), layers: layers.clone() };
+        let settings = Settings { layers, rays: 64, seed: 3, target: None, positive: true };
+        let selection = isolume::transfer::texels_of_isosurface(&volume, layout.lattice, 0.7);
+        let bake =
+            Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
+        pilot(&bake, 500).expect("a pilot")
+    };
+    let (few, many) = (of_layers(2), of_layers(16));
+    let escapes = many.mean_escapes();
+    let mut before = 0.0;
+    for rho in [0.3, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0f64] {
+        let (bound, error) = few.bound(rho);
+        let left_out: f64 = (2..16).map(|k| rho.powi(k as i32 + 1) * escapes[k]).sum();
+        let ratio = left_out / bound;
+        assert!(left_out <= bound + 3.0 * error, "ρ = {rho}: {left_out} > {bound}");
+        assert!(ratio > before, "ρ = {rho}: {ratio} after {before}");
+        let expected = 0.5 / (1.0 - 0.5 * rho);
+        assert!((ratio - expected).abs() < 0.05, "ρ = {rho}: {ratio} for {expected}");
+        before = ratio;
+    }
+    // Paths that survive sixteen layers are 2⁻¹⁶ of all.
+    assert!((before - 1.0).abs() < 0.01, "{before}");
+}
