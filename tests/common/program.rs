@@ -2,8 +2,15 @@
 
 use assert_cmd::Command;
 use serde_json::Value;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
+use std::process;
 use tempfile::TempDir;
+
+/// Where the program is.
+pub fn isolume() -> PathBuf {
+    assert_cmd::cargo::cargo_bin("isolume")
+}
 
 /// A folder and the program in it.
 pub struct Bench {
@@ -22,13 +29,24 @@ impl Bench {
         self.folder.path().join(name)
     }
 
+    /// Any program, in the folder.
+    pub fn here(&self, program: impl AsRef<OsStr>) -> process::Command {
+        let mut command = process::Command::new(program);
+        // Nothing may land in the home of who runs the tests.
+        command.current_dir(self.folder.path()).env("HOME", self.folder.path()).env_remove("XDG_CACHE_HOME");
+        command
+    }
+
+    /// A command line, cut at spaces, for tests that start the program and go on beside it.
+    pub fn process(&self, line: &str) -> process::Command {
+        let mut command = self.here(isolume());
+        command.args(line.split_whitespace());
+        command
+    }
+
     /// A command line, cut at spaces.
     pub fn command(&self, line: &str) -> Command {
-        let mut command = Command::cargo_bin("isolume").expect("the program is built");
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        // Nothing may land in the home of who runs the tests.
-        command.env("HOME", self.folder.path()).env_remove("XDG_CACHE_HOME");
-        command
+        Command::from_std(self.process(line))
     }
 
     /// Runs a line that must succeed and returns its standard output.

@@ -6,9 +6,13 @@
 
 use crate::common::{Baked, bake_texels, bowl, corners, lower_half_sphere, pick, settings};
 use glam::DVec3;
+use isolume::level::Pyramid;
 use isolume::relight::{Light, Material, contract};
 use isolume::sampling::statistics::{Running, rms};
+use isolume::transfer::{Lattice, Layers, Layout, texels_of_isosurface};
+use isolume::transport::{Bake, Settings, pilot};
 use isolume::volume::Volume;
+use isolume::volume::field::by_name;
 
 const OPEN: f64 = 0.5;
 
@@ -157,4 +161,37 @@ fn relight_sums_all_bounces() {
         }
         println!("{line}");
     }
+}
+
+/// The bound of the plan: what layers beyond K bring is ρ^(K+2) f (1−f)^(K+1)/(1 − ρ(1−f)), the bound
+/// ρ^(K+2) (1−f)^(K+1); their ratio f/(1 − ρ(1−f)) goes to 1 with ρ.
+#[test]
+fn the_bound_becomes_an_equality_on_the_bowl() {
+    let volume = by_name("bowl:33").expect("a field").expect("a field").sample().expect("a volume");
+    let pyramid = Pyramid::new(&volume);
+    let of_layers = |count: usize| {
+        let layers = Layers::uniform(count, 1).expect("layers");
+        let layout =
+            Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).expect("a lattice"), layers: layers.clone() };
+        let settings = Settings { layers, rays: 64, seed: 3, target: None, positive: true };
+        let selection = texels_of_isosurface(&volume, layout.lattice, 0.7);
+        let bake =
+            Bake { volume: &volume, pyramid: &pyramid, layout: &layout, settings: &settings, selection: &selection };
+        pilot(&bake, 500).expect("a pilot")
+    };
+    let (few, many) = (of_layers(2), of_layers(16));
+    let escapes = many.mean_escapes();
+    let mut before = 0.0;
+    for rho in [0.3, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0f64] {
+        let (bound, error) = few.bound(rho);
+        let left_out: f64 = (2..16).map(|k| rho.powi(k as i32 + 1) * escapes[k]).sum();
+        let ratio = left_out / bound;
+        assert!(left_out <= bound + 3.0 * error, "ρ = {rho}: {left_out} > {bound}");
+        assert!(ratio > before, "ρ = {rho}: {ratio} after {before}");
+        let expected = 0.5 / (1.0 - 0.5 * rho);
+        assert!((ratio - expected).abs() < 0.05, "ρ = {rho}: {ratio} for {expected}");
+        before = ratio;
+    }
+    // Paths that survive sixteen layers are 2⁻¹⁶ of all.
+    assert!((before - 1.0).abs() < 0.01, "{before}");
 }

@@ -2,63 +2,27 @@
 //! 1, one line that names the file and says what to do, nothing half-written, and what was there before is
 //! as it was. Damage byte by byte is in `fuzz` and in the tests of the readers and the store.
 
+use crate::common::program::{Bench, collect, isolume};
 use assert_cmd::Command;
 use std::io::Write;
-use std::path::{Path, PathBuf};
-use tempfile::TempDir;
-
-struct Bench {
-    folder: TempDir,
-}
+use std::path::PathBuf;
+use std::process;
 
 /// A small bake that takes no time.
 const BAKE: &str = "--rays 4 --layers 1 --bands 2 --quiet";
 
 impl Bench {
-    fn new() -> Self {
-        Self { folder: TempDir::new().expect("a temporary folder") }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn write(&self, name: &str, bytes: &[u8]) {
-        std::fs::write(self.path(name), bytes).expect("written");
-    }
-
-    fn program(&self) -> PathBuf {
-        Command::cargo_bin("isolume").expect("the program is built").get_program().into()
-    }
-
-    fn here(&self, mut command: Command) -> Command {
-        command.current_dir(self.folder.path()).env("HOME", self.folder.path()).env_remove("XDG_CACHE_HOME");
-        command
-    }
-
-    fn command(&self, line: &str) -> Command {
-        let mut command = self.here(Command::new(self.program()));
-        command.args(line.split_whitespace());
-        command
-    }
-
-    fn run(&self, line: &str) -> String {
-        String::from_utf8(self.command(line).assert().success().get_output().stdout.clone()).expect("text")
-    }
-
-    /// All files with their bytes.
+    /// All files with their bytes; folders, and what cannot be read, with none.
     fn all(&self) -> Vec<(PathBuf, Vec<u8>)> {
-        let mut all = Vec::new();
-        collect(self.folder.path(), &mut all);
-        all.sort();
-        all
+        let bytes = |path: PathBuf| (path.clone(), std::fs::read(path).unwrap_or_default());
+        self.names().into_iter().map(bytes).collect()
     }
 
     /// Runs a command that must end with 1, one `error:` line that holds all of `said`, and every file as it
     /// was.
-    fn refuses(&self, mut command: Command, said: &[&str]) -> String {
+    fn refuses_all(&self, command: process::Command, said: &[&str]) -> String {
         let before = self.all();
-        let output = command.assert().code(1).get_output().clone();
+        let output = Command::from_std(command).assert().code(1).get_output().clone();
         let text = String::from_utf8(output.stderr).expect("text");
         assert_eq!(text.lines().filter(|l| l.starts_with("error: ")).count(), 1, "{text}");
         for part in said {
@@ -71,19 +35,7 @@ impl Bench {
     }
 
     fn refuses_line(&self, line: &str, said: &[&str]) -> String {
-        self.refuses(self.command(line), said)
-    }
-}
-
-fn collect(folder: &Path, all: &mut Vec<(PathBuf, Vec<u8>)>) {
-    for entry in std::fs::read_dir(folder).expect("a folder") {
-        let path = entry.expect("an entry").path();
-        if path.is_dir() {
-            all.push((path.clone(), Vec::new()));
-            collect(&path, all);
-        } else {
-            all.push((path.clone(), std::fs::read(&path).unwrap_or_default()));
-        }
+        self.refuses_all(self.process(line), said)
     }
 }
 
@@ -212,21 +164,23 @@ fn a_directory_in_place_of_a_file() {
 /// The program as a user without rights. Root has all of them: the tests then run it as nobody, from a copy
 /// that nobody can reach.
 #[cfg(unix)]
-fn without_rights(bench: &Bench, line: &str) -> Command {
+fn without_rights(bench: &Bench, line: &str) -> process::Command {
     use std::os::unix::fs::{MetadataExt, PermissionsExt};
     use std::os::unix::process::CommandExt;
-    let mut command = std::process::Command::new(bench.program());
+    let mut command = bench.here(isolume());
     if std::fs::metadata(bench.folder.path()).expect("the folder").uid() == 0 {
         let program = bench.path("program");
         if !program.exists() {
-            std::fs::copy(bench.program(), &program).expect("copied");
+            // Copied by another process: while this one has a file open for writing, a child of another test inherits
+            // it for a moment, and what is open for writing cannot be executed.
+            assert!(process::Command::new("cp").arg(isolume()).arg(&program).status().expect("cp runs").success());
             std::fs::set_permissions(bench.folder.path(), PermissionsExt::from_mode(0o755)).expect("opened");
         }
-        command = std::process::Command::new(program);
+        command = bench.here(program);
         command.uid(65534).gid(65534);
     }
     command.args(line.split_whitespace());
-    bench.here(Command::from_std(command))
+    command
 }
 
 #[cfg(unix)]
@@ -250,7 +204,7 @@ fn no_permission_to_read() {
         ("info s.isolume", "s.isolume/zarr.json"),
         ("doctor s.isolume", "s.isolume/zarr.json"),
     ] {
-        bench.refuses(without_rights(&bench, line), &[name, "ermission denied"]);
+        bench.refuses_all(without_rights(&bench, line), &[name, "ermission denied"]);
     }
 }
 
@@ -270,18 +224,18 @@ fn no_permission_to_write() {
         "env project sky -o locked/x.json",
         "bake sphere:12 --rays 4 --layers 1 --bands 2 -o locked/x.isolume",
     ] {
-        bench.refuses(without_rights(&bench, line), &["locked"]);
+        bench.refuses_all(without_rights(&bench, line), &["locked"]);
     }
 }
 
 /// The program where no file may grow beyond 12 KiB, as on a disk that is nearly full: the same calls fail in
 /// the same places, with another number.
 #[cfg(unix)]
-fn on_a_full_disk(bench: &Bench, line: &str) -> Command {
+fn on_a_full_disk(bench: &Bench, line: &str) -> process::Command {
     // Ignored, the signal becomes the error of the call. Blocks have 512 bytes, in some shells 1024.
     let script = "trap '' XFSZ; ulimit -f 24; exec \"$0\" \"$@\"";
-    let mut command = bench.here(Command::new("sh"));
-    command.arg("-c").arg(script).arg(bench.program()).args(line.split_whitespace());
+    let mut command = bench.here("sh");
+    command.arg("-c").arg(script).arg(isolume()).args(line.split_whitespace());
     command
 }
 
@@ -291,7 +245,7 @@ fn disk_full_while_a_store_is_made() {
     let bench = Bench::new();
     let line = format!("bake gyroid:24 {BAKE} -o new.isolume");
     // The store never appears, and the message names its own path, not that of the temporary one.
-    let text = bench.refuses(on_a_full_disk(&bench, &line), &["new.isolume/", "too large"]);
+    let text = bench.refuses_all(on_a_full_disk(&bench, &line), &["new.isolume/", "too large"]);
     assert!(!text.contains(".partial"), "{text}");
 }
 
@@ -302,7 +256,7 @@ fn disk_full_while_a_store_grows() {
     bench.run(&format!("bake gyroid:24 {BAKE} -o s.isolume"));
     // More rays: every chunk is to be written again, and does not fit. The store stays what it was.
     let line = "bake gyroid:24 --rays 16 --layers 1 --bands 2 --quiet -o s.isolume";
-    bench.refuses(on_a_full_disk(&bench, line), &["s.isolume/transfer/gyroid/env/", "too large"]);
+    bench.refuses_all(on_a_full_disk(&bench, line), &["s.isolume/transfer/gyroid/env/", "too large"]);
     assert!(bench.run("doctor s.isolume").contains("nothing unusual"));
     // With room it goes on.
     bench.run(line);
@@ -320,10 +274,10 @@ fn disk_full_while_results_are_written() {
         ("a.png", "relight s.isolume --isovalue 0 --env sky --quiet --size 640x480 -o"),
         ("a.hdr", "env rotate courtyard --env-rotate 30 -o"),
     ] {
-        bench.refuses(on_a_full_disk(&bench, &format!("{line} {new}")), &[new, "too large"]);
+        bench.refuses_all(on_a_full_disk(&bench, &format!("{line} {new}")), &[new, "too large"]);
         // What was there under that name stays.
         bench.write(new, b"older");
-        bench.refuses(on_a_full_disk(&bench, &format!("{line} {new}")), &[new, "too large"]);
+        bench.refuses_all(on_a_full_disk(&bench, &format!("{line} {new}")), &[new, "too large"]);
         assert_eq!(std::fs::read(bench.path(new)).expect("read"), b"older");
     }
 }
@@ -341,10 +295,8 @@ fn kill_9_in_mid_bake() {
         inside.filter(|(p, _)| !p.ends_with(".lock")).collect()
     };
     for kill in 0..3 {
-        let mut child = std::process::Command::new(bench.program());
-        child.current_dir(bench.folder.path()).args(line.split_whitespace()).arg("killed.isolume");
-        let mut child =
-            child.stderr(std::process::Stdio::null()).stdout(std::process::Stdio::null()).spawn().expect("run");
+        let mut child = bench.process(&format!("{line} killed.isolume"));
+        let mut child = child.stderr(process::Stdio::null()).stdout(process::Stdio::null()).spawn().expect("run");
         // Killed as soon as one chunk more is there; if it was quicker, it is done.
         let chunks = |bench: &Bench| {
             let mut all = Vec::new();
@@ -352,7 +304,7 @@ fn kill_9_in_mid_bake() {
             if folder.is_dir() {
                 collect(&folder, &mut all);
             }
-            all.iter().filter(|(p, _)| p.is_file() && p.ends_with("0")).count()
+            all.iter().filter(|p| p.is_file() && p.ends_with("0")).count()
         };
         while chunks(&bench) <= kill && child.try_wait().expect("a child").is_none() {
             std::thread::sleep(std::time::Duration::from_millis(2));
@@ -377,9 +329,8 @@ fn two_processes_on_one_output() {
     let bench = Bench::new();
     let line = "bake gyroid:48 --isovalues 0 --rays 4 --layers 1 --bands 2 --quiet --threads 1 -o both.isolume";
     let start = || {
-        let mut child = std::process::Command::new(bench.program());
-        child.current_dir(bench.folder.path()).args(line.split_whitespace());
-        child.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::piped()).spawn().expect("run")
+        let mut child = bench.process(line);
+        child.stdout(process::Stdio::null()).stderr(process::Stdio::piped()).spawn().expect("run")
     };
     let children = [start(), start()];
     let outputs = children.map(|child| child.wait_with_output().expect("ended"));
@@ -391,11 +342,7 @@ fn two_processes_on_one_output() {
     assert!(bench.run("doctor both.isolume").contains("nothing unusual"));
     // Two relights to one file: one of the two results, whole.
     let relight = "relight both.isolume --isovalue 0 --env sky --quiet -o out.glb";
-    let start = || {
-        let mut child = std::process::Command::new(bench.program());
-        child.current_dir(bench.folder.path()).args(relight.split_whitespace()).stdout(std::process::Stdio::null());
-        child.spawn().expect("run")
-    };
+    let start = || bench.process(relight).stdout(process::Stdio::null()).spawn().expect("run");
     for mut child in [start(), start()] {
         assert!(child.wait().expect("ended").success());
     }

@@ -1,5 +1,5 @@
-//! The program from outside: every test here starts `isolume` and looks at its exit code, its output and its files. Each
-//! works in a folder of its own and gives its children their environment and limits, never this process.
+//! The program from outside: tests start `isolume` and look at its exit code, its output and its files. They share one
+//! process: each works in a folder of its own, and gives environment and limits to its children alone.
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -1,10 +1,11 @@
-//! Scenes of several volumes through the program: one store for all, metadata that comes back, and mistakes named by file
-//! and line.
+//! Scenes of several volumes through the program: one store for all, metadata that comes back, and mistakes named by
+//! file and line.
 
 use crate::common::program::Bench;
 
 const PAIR: &str = "coupling = COUPLING\n[[volumes]]\nname = \"bumps\"\nvolume = \"bumpbox:12\"\n\
-    [[volumes]]\nname = \"gyroid\"\nvolume = \"gyroid:9\"\nscale = 0.3\ntranslate = [0.35, 0.08, 0.35]\nalbedo = [0.5, 0.5, 1]\n\
+    [[volumes]]\nname = \"gyroid\"\nvolume = \"gyroid:9\"\nscale = 0.3\n\
+    translate = [0.35, 0.08, 0.35]\nalbedo = [0.5, 0.5, 1]\n\
     [bake]\nrays = 8\nlayers = 2\nbands = 2\n[probe]\nname = \"sky\"\n[camera]\nsize = [24, 24]\nexposure = 0\n";
 
 /// The same pair with the volumes in the other order.

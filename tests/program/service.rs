@@ -1,7 +1,7 @@
 //! The program as other programs, batch systems and shells meet it: exit codes, signals, standard output, JSON errors,
 //! the cache, completions and manual pages, and inputs that are no files or the output itself.
 
-use crate::common::program::Bench;
+use crate::common::program::{Bench, collect, isolume};
 use serde_json::Value;
 
 /// A PNG of 2 × 1 grey pixels with more chunks before its pixels.
@@ -36,13 +36,6 @@ mod linux {
     use std::fs::File;
     use std::process::{Command, Stdio};
     use std::time::{Duration, Instant};
-
-    fn program(bench: &Bench, line: &str) -> Command {
-        let mut command = Command::new(assert_cmd::cargo::cargo_bin("isolume"));
-        command.current_dir(bench.folder.path()).args(line.split_whitespace());
-        command.env("HOME", bench.folder.path()).env_remove("XDG_CACHE_HOME");
-        command
-    }
 
     fn send(signal: &str, process: u32) {
         let sent = Command::new("kill").args([&format!("-{signal}"), &process.to_string()]).status();
@@ -81,8 +74,7 @@ mod linux {
     fn a_bake_asked_to_stop_writes_its_chunks_and_exits_with_the_signal() {
         for (signal, number) in [("INT", 2), ("TERM", 15), ("HUP", 1)] {
             let bench = Bench::new();
-            let mut child =
-                program(&bench, LONG).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("a start");
+            let mut child = bench.process(LONG).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("a start");
             until("a chunk is on disk", || chunks(&bench, "s.isolume") > 0);
             assert!(catches(child.id(), 15));
             send(signal, child.id());
@@ -103,7 +95,7 @@ mod linux {
     fn the_second_signal_ends_a_bake_at_once() {
         let bench = Bench::new();
         let line = LONG.replace("--rays 64", "--rays 65536");
-        let mut child = program(&bench, &line).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("a start");
+        let mut child = bench.process(&line).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("a start");
         until("the bake catches signals", || catches(child.id(), 15));
         send("TERM", child.id());
         std::thread::sleep(Duration::from_millis(300));
@@ -118,9 +110,9 @@ mod linux {
     #[test]
     fn nohup_keeps_its_promise() {
         let bench = Bench::new();
-        let mut nohup = Command::new("nohup");
-        nohup.arg(assert_cmd::cargo::cargo_bin("isolume")).args(LONG.split_whitespace());
-        nohup.current_dir(bench.folder.path()).stdout(Stdio::null()).stderr(Stdio::null());
+        let mut nohup = bench.here("nohup");
+        nohup.arg(isolume()).args(LONG.split_whitespace());
+        nohup.stdout(Stdio::null()).stderr(Stdio::null());
         let mut child = nohup.spawn().expect("nohup runs");
         until("the bake catches signals", || catches(child.id(), 15));
         assert!(!catches(child.id(), 1), "SIGHUP stays ignored");
@@ -133,13 +125,13 @@ mod linux {
         let bench = Bench::new();
         for line in ["info bumpbox:12 --json", "info bumpbox:12", "--help", "completions bash", "man"] {
             let full = File::options().write(true).open("/dev/full").expect("the device");
-            let done = program(&bench, line).stdout(full).output().expect("a run");
+            let done = bench.process(line).stdout(full).output().expect("a run");
             let said = String::from_utf8_lossy(&done.stderr).into_owned();
             assert_eq!(done.status.code(), Some(1), "{line}: {said}");
             assert!(said.contains("error: cannot write to the output: No space left"), "{line}: {said}");
             let (reader, writer) = std::io::pipe().expect("a pipe");
             drop(reader);
-            let done = program(&bench, line).stdout(writer).output().expect("a run");
+            let done = bench.process(line).stdout(writer).output().expect("a run");
             assert!(
                 done.status.success() && done.stderr.is_empty(),
                 "{line}: {}",
@@ -154,7 +146,7 @@ mod linux {
         let bench = Bench::new();
         let wrong = std::ffi::OsStr::from_bytes(b"s\xff");
         for command in ["bake", "relight", "info", "doctor", "merge", "view", "export"] {
-            let done = program(&bench, command).arg(wrong).output().expect("a run");
+            let done = bench.process(command).arg(wrong).output().expect("a run");
             let said = String::from_utf8_lossy(&done.stderr).into_owned();
             assert_eq!(done.status.code(), Some(2), "{said}");
             assert!(said.contains(r#""s\xFF""#) && said.contains("UTF-8"), "{command}: {said}");
@@ -174,7 +166,7 @@ mod linux {
         bench.write("e.png", png(&[]));
         let piped = File::open(bench.path("e.png")).expect("the image");
         let mut cat = Command::new("cat").stdin(piped).stdout(Stdio::piped()).spawn().expect("cat runs");
-        let done = program(&bench, "env show /dev/stdin").stdin(cat.stdout.take().expect("a pipe")).output();
+        let done = bench.process("env show /dev/stdin").stdin(cat.stdout.take().expect("a pipe")).output();
         assert!(done.expect("a run").status.success());
         let _ = cat.wait();
     }
@@ -230,17 +222,16 @@ mod linux {
         let bomb = deflated(&vec![0; 256 << 20]);
         let text = |name: &[u8]| [name, &bomb].concat();
         bench.write("bomb.png", png(&[(b"iCCP", text(b"a\0\0")), (b"zTXt", text(b"b\0\0"))]));
-        let most = most_memory(&mut program(&bench, "env check bomb.png"));
+        let most = most_memory(&mut bench.process("env check bomb.png"));
         assert!(most > 0 && most < 100_000, "{most} kB; inflated they are 256 MiB each");
     }
 
     #[test]
     fn a_limit_on_addresses_is_named_before_memory_ends() {
         let bench = Bench::new();
-        let isolume = assert_cmd::cargo::cargo_bin("isolume");
         let line =
             "ulimit -v 200000; exec \"$0\" bake bumpbox:96 --rays 4 --layers 4 --bands 5 --threads 1 -o u.isolume";
-        let done = Command::new("bash").args(["-c", line]).arg(isolume).current_dir(bench.folder.path()).output();
+        let done = bench.here("bash").args(["-c", line]).arg(isolume()).output();
         let done = done.expect("a run");
         let said = String::from_utf8_lossy(&done.stderr).into_owned();
         assert_eq!(done.status.code(), Some(1), "{said}");
@@ -257,8 +248,7 @@ mod linux {
                 "relight bumpbox:40 -i 47 -e sunset --rays 256 --layers 2 --cache c --no-draft --threads 1 -o {i}.ply"
             )
         };
-        let start =
-            |i| program(&bench, &line(i)).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("a start");
+        let start = |i| bench.process(&line(i)).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("a start");
         let children: Vec<_> = (0..3).map(start).collect();
         let mut notes = String::new();
         for child in children {

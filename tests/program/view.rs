@@ -4,7 +4,7 @@
 use crate::common::program::Bench;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 
 fn baked() -> Bench {
     let bench = Bench::new();
@@ -24,12 +24,7 @@ impl Drop for Served {
 
 /// A page that is served: the host with its port, and the path that holds the token.
 fn served(bench: &Bench) -> (Served, String, String) {
-    let mut child = Command::new(assert_cmd::cargo::cargo_bin("isolume"))
-        .args(["view", "b.isolume", "-q"])
-        .current_dir(bench.folder.path())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("the program starts");
+    let mut child = bench.process("view b.isolume -q").stdout(Stdio::piped()).spawn().expect("the program starts");
     let mut line = String::new();
     BufReader::new(child.stdout.take().expect("its output")).read_line(&mut line).expect("a line");
     let address = line.split("http://").nth(1).and_then(|l| l.split(' ').next()).expect("an address");

@@ -130,7 +130,8 @@ const ROWS: &[Row] = &[
         &[
             "tests/physics/hard_environments::one_texel_of_1e6",
             "tests/physics/hard_environments::a_single_pixel",
-            "tests/physics/hard_cases/options::a_probe_of_one_pixel_is_a_constant_and_one_texel_of_a_million_keeps_its_energy",
+            "tests/physics/hard_cases/options::\
+             a_probe_of_one_pixel_is_a_constant_and_one_texel_of_a_million_keeps_its_energy",
             "src/probe/tests::black_and_single_pixel_probes_are_harmless",
             "src/probe/read/tests::single_pixels_and_odd_sizes",
         ],
