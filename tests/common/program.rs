@@ -114,3 +114,37 @@ pub fn collect(folder: &Path, names: &mut Vec<PathBuf>) {
         names.push(path);
     }
 }
+
+/// `_RADIANCE` of the vertices of a PLY file.
+pub fn radiance(bytes: &[u8]) -> Vec<[f32; 3]> {
+    let end = b"end_header\n";
+    let at = bytes.windows(end.len()).position(|w| w == end).expect("a header") + end.len();
+    let header = String::from_utf8_lossy(&bytes[..at]).into_owned();
+    let count: usize =
+        header.lines().find_map(|l| l.strip_prefix("element vertex ")?.trim().parse().ok()).expect("vertices");
+    let size = |kind: &str| match kind {
+        "float" | "float32" | "int" | "uint" => 4,
+        "uchar" | "uint8" => 1,
+        "double" => 8,
+        other => panic!("{other}"),
+    };
+    let vertex: Vec<(usize, String)> = header
+        .lines()
+        .skip_while(|l| !l.starts_with("element vertex"))
+        .skip(1)
+        .take_while(|l| l.starts_with("property"))
+        .map(|l| l.split_whitespace().collect::<Vec<_>>())
+        .map(|w| (size(w[1]), w[2].to_string()))
+        .collect();
+    let stride: usize = vertex.iter().map(|(n, _)| n).sum();
+    let first = vertex.iter().position(|(_, name)| name.starts_with("radiance")).expect("the radiance");
+    let offset: usize = vertex[..first].iter().map(|(n, _)| n).sum();
+    (0..count)
+        .map(|i| {
+            std::array::from_fn(|c| {
+                let from = at + i * stride + offset + 4 * c;
+                f32::from_le_bytes(bytes[from..from + 4].try_into().expect("four bytes"))
+            })
+        })
+        .collect()
+}

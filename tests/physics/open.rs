@@ -1,32 +1,16 @@
 //! Closed forms where nothing can block: what is proven open casts no ray, has no error, and is met by no ray.
 
-use crate::common::{Baked, bake_texels, settings, voxels, with_field};
+use crate::common::{Baked, bake_texels, cases, clamped_cosine, settings, voxels, with_field};
 use glam::{DVec3, Vec3};
 use isolume::geom::{Frame, Normal};
 use isolume::level::{CellPoint, Counts, Horizon, LevelField, Outcome, Pyramid, Site, Start};
 use isolume::sampling::{PathSampler, warp};
-use isolume::sh;
-use isolume::transfer::Layers;
 use isolume::volume::field::by_name;
 use isolume::volume::{Sample, Samples, Shadowing, Solid, Volume};
 
 fn all_texels(volume: &Volume) -> Vec<[usize; 3]> {
     let [nx, ny, nz] = volume.dims();
     (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]).collect()
-}
-
-/// A_l/π Y_lm(n), and zeros for further layers.
-fn clamped_cosine(layers: &Layers, normal: [f64; 3]) -> Vec<f64> {
-    let bands = layers.bands()[0];
-    let mut values = vec![0.0; bands * bands];
-    sh::basis::evaluate(bands, normal, &mut values);
-    for l in 0..bands {
-        for value in &mut values[l * l..(l + 1) * (l + 1)] {
-            *value *= sh::CLAMPED_COSINE[l] / std::f64::consts::PI;
-        }
-    }
-    values.resize(layers.coefficients(), 0.0);
-    values
 }
 
 /// All texels of the bake are the closed form for their normals, to the rounding of f16: 2⁻¹¹ of a value, and half of
@@ -37,7 +21,10 @@ fn assert_closed_form(volume: &Volume, baked: &Baked, normal_at: impl Fn([usize;
             assert!(!baked.is_valid(texel), "{texel:?}");
             continue;
         };
-        for (found, expected) in baked.transfer(texel).iter().zip(clamped_cosine(baked.layers(), normal)) {
+        // All in layer 0.
+        let mut closed_form = clamped_cosine(baked.layers().bands()[0], normal);
+        closed_form.resize(baked.layers().coefficients(), 0.0);
+        for (found, expected) in baked.transfer(texel).iter().zip(closed_form) {
             let allowed = 1.1 * expected.abs() / 2048.0 + 2e-7;
             assert!((found - expected).abs() <= allowed, "{texel:?}: {found} for {expected}");
         }

@@ -1,6 +1,6 @@
 //! VALIDATION 7, 14, 15, 17, 19: what relight makes of transfer.
 
-use crate::common::{Baked, bake_texels, bowl, pick, random, settings, voxels};
+use crate::common::{self, Baked, bake_texels, bowl, grey, pick, random, settings, voxels};
 use glam::DVec3;
 use isolume::relight::{Contracted, Light, Material, contract};
 use isolume::sh::{self, Coefficients};
@@ -18,10 +18,6 @@ fn relight(baked: &Baked, texels: &[[usize; 3]], light: &Light, material: &Mater
     assert_eq!(found.report.lookups, texels.len() as u64);
     assert_eq!(found.report.unbaked, 0);
     found.radiance
-}
-
-fn grey(albedo: f32, emission: f32) -> Material {
-    Material::new([albedo; 3], [emission; 3]).unwrap()
 }
 
 fn random_light(bands: usize, stream: u64) -> Light {

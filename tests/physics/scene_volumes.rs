@@ -1,31 +1,18 @@
 //! Several volumes that light each other, and points of light in mirrors: against one volume that holds both, against closed
 //! forms, and against each alone.
 
+use crate::common::scenes::{Square, baked, corner_factor, radiance_of_texel};
 use glam::{DMat3, DVec3};
-use isolume::geom::Bounds;
 use isolume::level::Pyramid;
-use isolume::relight::{Contracted, Light, LookupReport, LuminaireLight, Material, contract_scene};
+use isolume::relight::{Contracted, Light, Material};
 use isolume::sampling::statistics::{Running, normal_two_sided, rms, sidak};
 use isolume::scene::geometry::{Among, Finish, Geometry, Luminaire, LuminaireShape, Partner, Shape, Wall};
 use isolume::scene::{Coupled, Coupling};
-use isolume::transfer::texels_of_isosurface;
-use isolume::transfer::{BRICK, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, validity};
-use isolume::transport::{
-    Progress, SceneBake, SceneCounts, SceneReference, SceneSettings, bake_scene, scene_radiance, trace_photons,
-};
-use isolume::volume::field::{Field, by_name, sample};
+use isolume::transport::{SceneReference, scene_radiance, trace_photons};
+use isolume::volume::field::{by_name, sample};
 use isolume::volume::{Samples, Volume};
 use std::f64::consts::PI;
 use std::sync::Arc;
-
-/// A volume lit among others: its textures in memory.
-struct Baked {
-    volume: Volume,
-    textures: Vec<MemoryTexture>,
-    exponents: Vec<i32>,
-    selection: Selection,
-    counts: SceneCounts,
-}
 
 const WHITE: [f32; 3] = [1.0; 3];
 
@@ -50,106 +37,12 @@ fn nothing() -> Geometry {
     Geometry::new(Vec::new(), Vec::new(), 1.0).expect("nothing")
 }
 
-fn baked(volume: &Volume, geometry: &Geometry, isovalues: &[f64], rays: u32, layers: usize) -> Baked {
-    let layers = Layers::uniform(layers, 2).expect("layers").coloured();
-    let layout =
-        Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).expect("a lattice"), layers: layers.clone() };
-    let settings = SceneSettings { layers, rays, seed: 5, caustics: true };
-    let mut selection = Selection::empty(layout.lattice);
-    isovalues.iter().for_each(|&c| selection.insert_all(&texels_of_isosurface(volume, layout.lattice, c)));
-    let pyramid = Pyramid::new(volume);
-    let (layout, settings, selection) = (&layout, &settings, &selection);
-    let request = SceneBake { volume, pyramid: &pyramid, geometry, layout, settings, selection };
-    let mut textures: Vec<MemoryTexture> =
-        request.groups().iter().map(|g| MemoryTexture::new(g.layout(layout).expect("a layout"))).collect();
-    let [cx, cy, cz] = layout.lattice.chunks();
-    let chunks: Vec<[usize; 3]> = (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]).collect();
-    let summary = bake_scene(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
-        textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
-    })
-    .expect("a bake");
-    let (exponents, counts) = (request.geometry.exponents(request.volume), summary.counts);
-    Baked { volume: volume.clone(), textures, exponents, selection: selection.clone(), counts }
-}
-
-impl Baked {
-    /// Everything but the validity of what was not asked, as bits: NaN marks what is not baked.
-    fn bits(&self) -> Vec<u16> {
-        let bricks = || self.selection.bricks().into_iter();
-        let all = self.textures.iter().flat_map(|t| bricks().map(move |b| (t, b)));
-        all.flat_map(|(texture, index)| {
-            let view = texture.brick(index).expect("a brick").expect("baked");
-            view.transfer.iter().chain(view.stderr).map(|v| v.to_bits()).collect::<Vec<_>>()
-        })
-        .collect()
-    }
-
-    fn texels(&self) -> impl Iterator<Item = [usize; 3]> {
-        let [nx, ny, nz] = self.volume.dims();
-        (0..nx * ny * nz).map(move |i| [i % nx, i / nx % ny, i / nx / ny]).filter(|t| self.selection.contains(*t))
-    }
-
-    /// The coefficients of a texel in a group; `None` where it is not valid.
-    fn at(&self, group: usize, texel: [usize; 3]) -> Option<Vec<f64>> {
-        let texture = &self.textures[group];
-        let view = texture.brick(texel.map(|i| i / BRICK)).expect("a brick")?;
-        let [x, y, z] = texel.map(|i| i % BRICK);
-        let t = x + BRICK * (y + BRICK * z);
-        let n = texture.layout().layers.coefficients();
-        let valid = view.validity[t] & validity::VALID != 0;
-        valid.then(|| view.transfer[t * n..(t + 1) * n].iter().map(|v| f64::from(v.to_f32())).collect())
-    }
-
-    /// The standard error of the first layer of a texel in a group of one band.
-    fn error(&self, group: usize, texel: [usize; 3]) -> f64 {
-        let texture = &self.textures[group];
-        let view = texture.brick(texel.map(|i| i / BRICK)).expect("a brick").expect("baked");
-        let [x, y, z] = texel.map(|i| i % BRICK);
-        f64::from(view.stderr[(x + BRICK * (y + BRICK * z)) * texture.layout().layers.errors()].to_f32())
-    }
-
-    fn lit(&self, light: &Light, material: &Material) -> Contracted {
-        let luminaires: Vec<LuminaireLight<'_>> = self.textures[2..]
-            .iter()
-            .zip(&self.exponents)
-            .map(|(texture, &e)| LuminaireLight { texture, factor: [f64::from(e).exp2(); 3] })
-            .collect();
-        let bricks = self.selection.bricks();
-        contract_scene(&self.textures[0], &self.textures[1], &luminaires, &bricks, light, material).expect("textures")
-    }
-}
-
-/// Radiance of a texel.
-fn of_texel(contracted: &Contracted, texel: [usize; 3]) -> f64 {
-    let black = Material::new([0.0; 3], [0.0; 3]).expect("black");
-    let mut report = LookupReport::default();
-    let dark = Light::constant([0.0; 3]);
-    f64::from(contracted.radiance_at(texel.map(|i| i as f32), [0.0, 0.0, 1.0], &dark, &black, &mut report)[0])
-}
-
 fn field(name: &str) -> Volume {
     by_name(name).expect("a field").expect("a field").sample().expect("a volume")
 }
 
-/// ±(z − z₀) on the unit square around z₀: the level set 0 is the square, lit from above where the sign is −, else from below.
-struct Square {
-    z: f64,
-    sign: f64,
-}
-
-impl Field for Square {
-    fn name(&self) -> &'static str {
-        "square"
-    }
-    fn value(&self, p: DVec3) -> f64 {
-        self.sign * (p.z - self.z)
-    }
-    fn bounds(&self) -> Bounds {
-        Bounds { min: DVec3::new(0.0, 0.0, self.z - 0.25), max: DVec3::new(1.0, 1.0, self.z + 0.25) }
-    }
-    fn default_isovalue(&self) -> f64 {
-        0.0
-    }
+fn of_texel(contracted: &Contracted, texel: [usize; 3]) -> f64 {
+    f64::from(radiance_of_texel(contracted, texel)[0])
 }
 
 fn square(name: &str, z: f64, sign: f64) -> Volume {
@@ -168,7 +61,10 @@ fn far_apart_each_is_alone() {
     for coupling in [Coupling::Normalised, Coupling::Equal, Coupling::Rows(vec![vec![0.0, -0.6]])] {
         let beside = baked(&own, &among(&own, &[&far], &coupling, WHITE, nothing()), &[0.0], 16, 3);
         assert!(beside.bits() == alone.bits(), "{coupling:?}");
-        assert_eq!((beside.counts.partner_rays, beside.counts.partner_hits, beside.counts.buried), (0, 0, 0));
+        assert_eq!(
+            (beside.summary.counts.partner_rays, beside.summary.counts.partner_hits, beside.summary.counts.buried),
+            (0, 0, 0)
+        );
     }
     let tinted = baked(&own, &among(&own, &[&far], &Coupling::Normalised, [0.5; 3], nothing()), &[0.0], 16, 3);
     for texel in alone.texels() {
@@ -209,7 +105,11 @@ fn two_half_bowls_are_the_volume_that_holds_both() {
         let alone = baked(own, &nothing(), &isovalues, rays, 3);
         for coupling in [Coupling::Normalised, Coupling::Equal] {
             let both = baked(own, &among(own, &[other], &coupling, WHITE, nothing()), &isovalues, rays, 3);
-            assert!(both.counts.partner_hits > 10_000 && both.counts.buried == 0, "{:?}", both.counts);
+            assert!(
+                both.summary.counts.partner_hits > 10_000 && both.summary.counts.buried == 0,
+                "{:?}",
+                both.summary.counts
+            );
             let (mut differences, mut of_alone) = (vec![Running::new(); 3], Running::new());
             for texel in both.texels() {
                 let Some(expected) = reference.at(0, [texel[0] + shift, texel[1], texel[2]]) else { continue };
@@ -240,12 +140,6 @@ impl ExtendWith for Running {
     }
 }
 
-/// Form factor of a point with normal z to a rectangle [0, a] × [0, b] at height 1 above its corner.
-fn corner_factor(a: f64, b: f64) -> f64 {
-    let (x, y) = (a / (1.0 + a * a).sqrt(), b / (1.0 + b * b).sqrt());
-    (x * (b / (1.0 + a * a).sqrt()).atan() + y * (a / (1.0 + b * b).sqrt()).atan()) / (2.0 * PI)
-}
-
 /// VALIDATION 16 with two level sets as the squares: each shines with radiance 1 and sees the other under the form factor of
 /// a rectangle, in the mean 0.19982 both ways. Between a lamp and the lower one the upper one leaves nothing.
 #[test]
@@ -260,7 +154,7 @@ fn facing_squares_are_two_level_sets() {
         let geometry = among(own, &[other], &Coupling::Normalised, WHITE, lamp(above));
         let scene = baked(own, &geometry, &[0.0], 1024, 1);
         let glows = Material::new([1.0; 3], [1.0; 3]).expect("a material");
-        let lit = scene.lit(&Light::constant([0.0; 3]), &glows);
+        let lit = scene.lit(&Light::constant([0.0; 3]), &glows, &[]);
         let on_square: Vec<[usize; 3]> = scene.texels().filter(|t| t[2] == 2).collect();
         // Four replicates make a poor error of one texel: all together make a good one of all.
         let pooled = rms(on_square.iter().map(|t| scene.error(1, *t)));
@@ -287,7 +181,7 @@ fn facing_squares_are_two_level_sets() {
         assert!((mean / weights - 0.19982).abs() < 3e-4 + 4.0 * pooled / 17.0, "{}", mean / weights);
         // Alone the lamp is seen, by cosine over π and the square of the distance: Φ = 4π is an intensity of 1.
         let alone = baked(own, &lamp(above), &[0.0], 4, 1);
-        let lit = alone.lit(&Light::constant([0.0; 3]), &Material::new([1.0; 3], [0.0; 3]).expect("white"));
+        let lit = alone.lit(&Light::constant([0.0; 3]), &Material::new([1.0; 3], [0.0; 3]).expect("white"), &[]);
         for texel in on_square {
             let [x, y] = [texel[0], texel[1]].map(|i| i as f64 / 16.0 - 0.5);
             let square = x * x + y * y + 4.0;
@@ -333,8 +227,8 @@ fn what_cannot_be_seen_costs_nothing() {
     let (up, down) = (square("up", 0.0, -1.0), square("down", -1.0, 1.0));
     let geometry = among(&up, &[&down], &Coupling::Normalised, WHITE, nothing());
     let beside = baked(&up, &geometry, &[0.0], 64, 2);
-    assert_eq!((beside.counts.partner_rays, beside.counts.partner_hits), (0, 0));
-    assert!(beside.counts.path_rays > 0 && beside.bits() == baked(&up, &nothing(), &[0.0], 64, 2).bits());
+    assert_eq!((beside.summary.counts.partner_rays, beside.summary.counts.partner_hits), (0, 0));
+    assert!(beside.summary.counts.path_rays > 0 && beside.bits() == baked(&up, &nothing(), &[0.0], 64, 2).bits());
 }
 
 /// A small sphere in the solid of a large one has no surface; a large one around it does not notice.
@@ -346,10 +240,10 @@ fn what_is_buried_has_no_surface() {
     // -0.6 is a radius of 0.6; both isovalues at once.
     let inside = baked(&small, &among(&small, &[&large], &Coupling::Normalised, WHITE, nothing()), &[-0.6], 4, 1);
     let selected = inside.texels().count() as u64;
-    assert!(selected > 100 && inside.counts.buried == selected, "{:?} of {selected}", inside.counts);
+    assert!(selected > 100 && inside.summary.counts.buried == selected, "{:?} of {selected}", inside.summary.counts);
     assert!(inside.texels().all(|t| inside.at(0, t).is_none()));
     let around = baked(&large, &among(&large, &[&small], &Coupling::Normalised, WHITE, nothing()), &[-0.6], 4, 1);
-    assert!(around.counts.buried == 0 && around.bits() == baked(&large, &nothing(), &[-0.6], 4, 1).bits());
+    assert!(around.summary.counts.buried == 0 && around.bits() == baked(&large, &nothing(), &[-0.6], 4, 1).bits());
 }
 
 /// A point of light beside a mirror is two of them, one of which is as strong as the mirror; through two mirrors, three and
@@ -375,13 +269,13 @@ fn points_of_light_are_found_in_flat_mirrors() {
     let lit = |walls: Vec<Wall>, lamp: &Luminaire| {
         let geometry = Geometry::new(walls, vec![lamp.clone()], 1.0).expect("mirrors");
         let scene = baked(&volume, &geometry, &[0.0], 4, 1);
-        let contracted = scene.lit(&Light::constant([0.0; 3]), &white);
+        let contracted = scene.lit(&Light::constant([0.0; 3]), &white, &[]);
         let on_square: Vec<[usize; 3]> = scene.texels().filter(|t| t[2] == 2).collect();
         let found: Vec<(DVec3, f64)> = on_square
             .iter()
             .map(|t| (DVec3::new(t[0] as f64 / 16.0, t[1] as f64 / 16.0, 0.0), of_texel(&contracted, *t)))
             .collect();
-        (found, scene.counts)
+        (found, scene.summary.counts)
     };
     let from = |lamp: DVec3, at: DVec3| {
         let way = lamp - at;

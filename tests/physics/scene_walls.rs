@@ -1,17 +1,15 @@
 //! Level sets among walls and luminaires against closed forms, and against path tracing without layers.
 
+use crate::common::grey;
+use crate::common::scenes::{Square, baked, corner_factor, radiance_of_texel};
 use glam::DVec3;
-use isolume::geom::Bounds;
 use isolume::level::Pyramid;
-use isolume::relight::{Contracted, Light, LookupReport, LuminaireLight, Material, contract_scene};
+use isolume::relight::{Light, LookupReport};
 use isolume::sampling::statistics::{Running, normal_two_sided, sidak};
 use isolume::scene::geometry::{Finish, Geometry, Luminaire, LuminaireShape, Shape, Wall};
-use isolume::transfer::{BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection};
-use isolume::transport::{
-    Progress, SceneBake, SceneReference, SceneSettings, SceneSummary, bake_scene, scene_radiance, trace_photons,
-};
+use isolume::transport::{SceneReference, scene_radiance, trace_photons};
 use isolume::volume::Volume;
-use isolume::volume::field::{Field, by_name, sample};
+use isolume::volume::field::{by_name, sample};
 use std::f64::consts::PI;
 
 fn wall(name: &str, shape: Shape, finish: Finish) -> Wall {
@@ -32,105 +30,11 @@ fn room(min: DVec3, max: DVec3, albedos: [[f32; 3]; 6]) -> Vec<Wall> {
         .collect()
 }
 
-/// The textures of a scene in memory.
-struct Baked {
-    volume: Volume,
-    geometry: Geometry,
-    textures: Vec<MemoryTexture>,
-    exponents: Vec<i32>,
-    selection: Selection,
-    summary: SceneSummary,
-}
-
-fn baked(volume: Volume, geometry: Geometry, isovalue: Option<f64>, rays: u32, layers: usize) -> Baked {
-    let layers = Layers::uniform(layers, 2).expect("layers").coloured();
-    let layout =
-        Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).expect("a lattice"), layers: layers.clone() };
-    let settings = SceneSettings { layers, rays, seed: 5, caustics: true };
-    let selection = match isovalue {
-        Some(c) => isolume::transfer::texels_of_isosurface(&volume, layout.lattice, c),
-        None => Selection::of_all_isosurfaces(layout.lattice, &volume),
-    };
-    let pyramid = Pyramid::new(&volume);
-    let request = SceneBake {
-        volume: &volume,
-        pyramid: &pyramid,
-        geometry: &geometry,
-        layout: &layout,
-        settings: &settings,
-        selection: &selection,
-    };
-    let mut textures: Vec<MemoryTexture> =
-        request.groups().iter().map(|g| MemoryTexture::new(g.layout(&layout).expect("a layout"))).collect();
-    let [cx, cy, cz] = layout.lattice.chunks();
-    let chunks: Vec<[usize; 3]> = (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]).collect();
-    let exponents = request.geometry.exponents(request.volume);
-    let summary = bake_scene(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
-        textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
-    })
-    .expect("a bake");
-    Baked { volume, geometry, textures, exponents, selection, summary }
-}
-
-impl Baked {
-    fn lit(&self, light: &Light, material: &Material, factors: &[f64]) -> Contracted {
-        let luminaires: Vec<LuminaireLight<'_>> = self.textures[2..]
-            .iter()
-            .zip(&self.exponents)
-            .enumerate()
-            .map(|(l, (texture, &e))| LuminaireLight {
-                texture,
-                factor: [factors.get(l).copied().unwrap_or(1.0) * f64::from(e).exp2(); 3],
-            })
-            .collect();
-        let bricks = self.selection.bricks();
-        contract_scene(&self.textures[0], &self.textures[1], &luminaires, &bricks, light, material).expect("textures")
-    }
-
-    /// Radiance of a texel.
-    fn at(&self, contracted: &Contracted, texel: [usize; 3]) -> [f32; 3] {
-        let material = Material { albedo: [0.0; 3], emission: [0.0; 3] };
-        let mut report = LookupReport::default();
-        let position = texel.map(|i| i as f32);
-        contracted.radiance_at(position, [0.0, 0.0, 1.0], &dark(), &material, &mut report)
-    }
-
-    fn texels(&self) -> impl Iterator<Item = [usize; 3]> {
-        let [nx, ny, nz] = self.volume.dims();
-        (0..nx * ny * nz).map(move |i| [i % nx, i / nx % ny, i / nx / ny]).filter(|t| self.selection.contains(*t))
-    }
-}
+/// The square z = 0, lit from above.
+const FLOOR: Square = Square { z: 0.0, sign: -1.0 };
 
 fn dark() -> Light {
     Light::constant([0.0; 3])
-}
-
-fn grey(albedo: f32, emission: f32) -> Material {
-    Material::new([albedo; 3], [emission; 3]).expect("a material")
-}
-
-/// h = −z on [0, 1]² × [−¼, ¼]: the level set 0 is the square z = 0, lit from above.
-struct Plane;
-
-impl Field for Plane {
-    fn name(&self) -> &'static str {
-        "plane"
-    }
-    fn value(&self, p: DVec3) -> f64 {
-        -p.z
-    }
-    fn bounds(&self) -> Bounds {
-        Bounds { min: DVec3::new(0.0, 0.0, -0.25), max: DVec3::new(1.0, 1.0, 0.25) }
-    }
-    fn default_isovalue(&self) -> f64 {
-        0.0
-    }
-}
-
-/// Form factor of a point with normal z to a rectangle [0, a] × [0, b] at height 1 above its corner.
-fn corner_factor(a: f64, b: f64) -> f64 {
-    let (x, y) = (a / (1.0 + a * a).sqrt(), b / (1.0 + b * b).sqrt());
-    (x * (b / (1.0 + a * a).sqrt()).atan() + y * (a / (1.0 + b * b).sqrt()).atan()) / (2.0 * PI)
 }
 
 /// VALIDATION 16: a unit square of radiance 1 at distance 1 over the unit square. Point by point by the form factor of
@@ -141,7 +45,7 @@ fn facing_squares() {
     // Φ = π A L = π.
     let square = lamp("square", LuminaireShape::Rectangle { corner, u, v }, PI);
     let geometry = Geometry::new(Vec::new(), vec![square], 1.0).expect("a luminaire");
-    let scene = baked(sample(&Plane, [17, 17, 5]).expect("a volume"), geometry, Some(0.0), 1024, 1);
+    let scene = baked(&sample(&FLOOR, [17, 17, 5]).expect("a volume"), &geometry, &[0.0], 1024, 1);
     let lit = scene.lit(&dark(), &grey(1.0, 0.0), &[]);
     let errors = lit.look_up_errors(&scene.texels().map(|t| t.map(|i| i as f32)).collect::<Vec<_>>());
     let (mut mean, mut weights, mut squares) = (0.0, 0.0, Running::new());
@@ -149,7 +53,7 @@ fn facing_squares() {
         let [x, y] = [texel[0], texel[1]].map(|i| i as f64 / 16.0);
         let expected: f64 =
             [(x, y), (1.0 - x, y), (x, 1.0 - y), (1.0 - x, 1.0 - y)].iter().map(|&(a, b)| corner_factor(a, b)).sum();
-        let found = f64::from(scene.at(&lit, texel)[0]);
+        let found = f64::from(radiance_of_texel(&lit, texel)[0]);
         // 16 bits round by 2⁻¹¹.
         assert!((found - expected).abs() < 6.0 * f64::from(error) + 5e-4 * expected, "{texel:?}: {found} {expected}");
         squares.push(((found - expected) / f64::from(error)).powi(2));
@@ -166,7 +70,7 @@ fn facing_squares() {
 /// The other way round: photons of the square that land on a black one facing it are the share F₁₂, and nothing is lost.
 #[test]
 fn photons_keep_their_power() {
-    let volume = sample(&Plane, [5, 5, 5]).expect("a volume");
+    let volume = sample(&FLOOR, [5, 5, 5]).expect("a volume");
     let pyramid = Pyramid::new(&volume);
     let square = lamp("square", LuminaireShape::Rectangle { corner: 3.0 * DVec3::Z, u: DVec3::Y, v: DVec3::X }, 90.0);
     let facing =
@@ -201,11 +105,11 @@ fn a_furnace_with_walls_is_uniform() {
     let volume = by_name("torus:17").expect("a field").expect("a field").sample().expect("a volume");
     let (rho, layers) = (0.5f32, 4);
     let isovalue = by_name("torus:17").expect("a field").expect("a field").field.default_isovalue();
-    let scene = baked(volume, geometry, Some(isovalue), 64, layers);
+    let scene = baked(&volume, &geometry, &[isovalue], 64, layers);
     let lit = scene.lit(&dark(), &grey(rho, 1.0 - rho), &[]);
     let mut sum = Running::new();
     for texel in scene.texels().step_by(3) {
-        let found = f64::from(scene.at(&lit, texel)[1]);
+        let found = f64::from(radiance_of_texel(&lit, texel)[1]);
         sum.push(found);
         assert!((found - 1.0).abs() < 0.2, "{texel:?}: {found}");
     }
@@ -224,11 +128,11 @@ fn glass_and_mirrors_keep_radiance() {
     ];
     let geometry = Geometry::new(walls, Vec::new(), 1.0).expect("objects");
     let volume = by_name("sphere:17").expect("a field").expect("a field").sample().expect("a volume");
-    let scene = baked(volume, geometry, Some(-0.6), 64, 4);
+    let scene = baked(&volume, &geometry, &[-0.6], 64, 4);
     // A furnace: L = 1 from outside, Le = 1 − ρ.
     let lit = scene.lit(&Light::constant([1.0; 3]), &grey(0.5, 0.5), &[]);
     let mut sum = Running::new();
-    scene.texels().for_each(|t| sum.push(f64::from(scene.at(&lit, t)[2])));
+    scene.texels().for_each(|t| sum.push(f64::from(radiance_of_texel(&lit, t)[2])));
     // Paths that are cut after 64 turns in the glass bring nothing; its critical angle traps none from outside.
     let allowed = 4.0 * sum.standard_error() + 2e-3;
     assert!((sum.mean() - 1.0).abs() < allowed, "{} ± {allowed}", sum.mean());
@@ -244,11 +148,11 @@ fn a_closed_sphere_glows() {
     volume.solid = isolume::volume::Solid::Below;
     let far = wall("far", Shape::Sphere { centre: DVec3::splat(50.0), radius: 1.0 }, Finish::Diffuse([0.5; 3]));
     let geometry = Geometry::new(vec![far], Vec::new(), 1.0).expect("a wall");
-    let scene = baked(volume, geometry, Some(-0.6), 16, 3);
+    let scene = baked(&volume, &geometry, &[-0.6], 16, 3);
     for (rho, expected) in [(0.5f32, 2.0), (0.9, 10.0)] {
         let lit = scene.lit(&Light::constant([1.0; 3]), &grey(rho, 1.0), &[]);
         for texel in scene.texels() {
-            let found = f64::from(scene.at(&lit, texel)[0]);
+            let found = f64::from(radiance_of_texel(&lit, texel)[0]);
             assert!((found - expected).abs() < 1e-3 * expected, "{texel:?}: {found}");
         }
     }
@@ -323,20 +227,20 @@ fn the_reference_and_its_slow_twin_agree() {
 #[test]
 fn a_baked_box_is_the_box() {
     let (volume, geometry) = box_scene(ceiling());
-    let scene = baked(volume, geometry, Some(47.0), 256, 4);
+    let scene = baked(&volume, &geometry, &[47.0], 256, 4);
     let material = grey(0.7, 0.0);
     let once = scene.lit(&dark(), &material, &[1.0]);
     let twice = scene.lit(&dark(), &material, &[2.0]);
     for texel in scene.texels() {
-        let (a, b) = (scene.at(&once, texel), scene.at(&twice, texel));
+        let (a, b) = (radiance_of_texel(&once, texel), radiance_of_texel(&twice, texel));
         assert_eq!(a.map(|v| 2.0 * v), b);
     }
     let rays = camera_rays(64);
-    let expected = reference(&scene.volume, &scene.geometry, &rays, 256, true);
-    let pyramid = Pyramid::new(&scene.volume);
+    let expected = reference(&volume, &geometry, &rays, 256, true);
+    let pyramid = Pyramid::new(&volume);
     let (mut square, mut mean, mut used) = (0.0, 0.0, 0.0);
     for ((origin, direction), [value, _]) in rays.iter().zip(expected) {
-        let Some(at) = first_hit(&scene.volume, &pyramid, 47.0, *origin, *direction) else { continue };
+        let Some(at) = first_hit(&volume, &pyramid, 47.0, *origin, *direction) else { continue };
         let mut report = LookupReport::default();
         let found = once.radiance_at(at, [0.0, -1.0, 0.0], &dark(), &material, &mut report);
         square += (f64::from(found[0]) - value).powi(2);
@@ -379,16 +283,8 @@ fn threads_do_not_matter() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
         pool.install(|| {
             let (volume, geometry) = box_scene(ceiling());
-            let scene = baked(volume, geometry, Some(100.0), 4, 2);
-            let mut bytes = Vec::new();
-            for (texture, index) in
-                scene.textures.iter().flat_map(|t| scene.selection.bricks().into_iter().map(move |b| (t, b)))
-            {
-                let view = texture.brick(index).expect("a brick").expect("baked");
-                // Not as numbers: NaN marks what is not baked.
-                bytes.extend(view.transfer.iter().chain(view.stderr).map(|v| v.to_bits()));
-            }
-            (bytes, scene.summary.counts)
+            let scene = baked(&volume, &geometry, &[100.0], 4, 2);
+            (scene.bits(), scene.summary.counts)
         })
     };
     assert!(bake(1) == bake(2));
@@ -405,7 +301,7 @@ fn paths_cut_among_mirrors_are_counted() {
         let faces = Shape::faces_of_box(DVec3::new(-1.5, -1e3, -1e3), DVec3::new(1.5, 1e3, 1e3), true);
         let walls = [0, 1].map(|i| wall(&format!("w{i}"), faces[i].clone(), finish));
         let geometry = Geometry::new(walls.to_vec(), Vec::new(), 1.0).expect("a geometry");
-        baked(volume.clone(), geometry, Some(-0.6), 16, 1).summary
+        baked(&volume, &geometry, &[-0.6], 16, 1).summary
     };
     let between = pair(Finish::Mirror([1.0; 3]));
     let share = between.counts.lost_specular as f64 / between.summary.paths as f64;
@@ -417,7 +313,7 @@ fn paths_cut_among_mirrors_are_counted() {
     let faces = Shape::faces_of_box(DVec3::splat(-1.5), DVec3::splat(1.5), true);
     let closed = faces.iter().enumerate().map(|(i, f)| wall(&format!("w{i}"), f.clone(), Finish::Mirror([1.0; 3])));
     let geometry = Geometry::new(closed.collect(), Vec::new(), 1.0).expect("a geometry");
-    let closed = baked(volume.clone(), geometry, Some(-0.6), 16, 1).summary;
+    let closed = baked(&volume, &geometry, &[-0.6], 16, 1).summary;
     let ends = closed.summary.trapped + closed.summary.lost + closed.counts.cut + closed.counts.lost_specular;
     assert!(ends <= closed.summary.paths && ends as f64 > 0.999 * closed.summary.paths as f64, "{:?}", closed.counts);
 }

@@ -1,26 +1,13 @@
 //! VALIDATION 8, 10, 11, 12, 14: scenes whose transfer is known in closed form.
 
-use crate::common::{Baked, bake_texels, pick, settings, voxels};
+use crate::common::{self, Baked, bake_texels, clamped_cosine, pick, settings, voxels};
 use glam::DVec3;
-
 use isolume::sampling::statistics::{T_QUANTILE_95_3, rms};
 use isolume::sh;
 use isolume::sh::project::gauss_legendre;
 use isolume::volume::Solid;
 use isolume::volume::field::{Gyroid, SphereOverPlane, sample};
 use std::f64::consts::PI;
-
-/// T of a convex body with normal `n`: (A_l/π) Y_lm(n).
-fn clamped_cosine(bands: usize, n: DVec3) -> Vec<f64> {
-    let mut values = vec![0.0; bands * bands];
-    sh::basis::evaluate(bands, n.to_array(), &mut values);
-    for l in 0..bands {
-        for v in &mut values[l * l..(l + 1) * (l + 1)] {
-            *v *= sh::CLAMPED_COSINE[l] / PI;
-        }
-    }
-    values
-}
 
 #[test]
 fn a_convex_sphere_has_the_transfer_of_the_clamped_cosine_at_every_radius_and_scale() {
@@ -40,7 +27,7 @@ fn a_convex_sphere_has_the_transfer_of_the_clamped_cosine_at_every_radius_and_sc
             let baked = bake_texels(&volume, &settings(&[5], 64, 1), &texels);
             let (mut error, mut norm) = (0.0, 0.0);
             for &t in &texels {
-                let exact = clamped_cosine(5, from_centre(t).normalize());
+                let exact = clamped_cosine(5, from_centre(t).normalize().to_array());
                 for (a, b) in baked.transfer(t).iter().zip(&exact) {
                     error += (a - b).powi(2);
                     norm += b * b;

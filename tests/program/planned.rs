@@ -1,8 +1,7 @@
 //! What the plan leaves out stays within what it says, and costs nothing: eight scenes, planned against full.
 
-use crate::common::program::Bench;
+use crate::common::program::{Bench, radiance};
 use serde_json::Value;
-use std::path::Path;
 
 struct Planned {
     name: &'static str,
@@ -103,27 +102,10 @@ fn row<'a>(plan: &'a Value, name: &str) -> &'a Value {
 }
 
 /// Mean radiance of the vertices (its three channels are the last before the errors), and how many there are.
-fn mean_radiance(path: &Path) -> (f64, usize) {
-    let bytes = std::fs::read(path).expect("a file");
-    let end = b"end_header\n";
-    let at = bytes.windows(end.len()).position(|w| w == end).expect("a header") + end.len();
-    let header = String::from_utf8_lossy(&bytes[..at]).into_owned();
-    let count: usize = header.lines().find_map(|l| l.strip_prefix("element vertex ")?.parse().ok()).expect("vertices");
-    let properties: Vec<Vec<&str>> = header
-        .lines()
-        .skip_while(|l| !l.starts_with("element vertex"))
-        .skip(1)
-        .take_while(|l| l.starts_with("property"))
-        .map(|l| l.split_whitespace().collect())
-        .collect();
-    let size = |p: &Vec<&str>| if p[1] == "uchar" { 1 } else { 4 };
-    let stride: usize = properties.iter().map(size).sum();
-    let offset: usize = properties.iter().take_while(|p| !p[2].starts_with("radiance")).map(size).sum();
-    let number = |i: usize, c: usize| {
-        let from = at + i * stride + offset + 4 * c;
-        f64::from(f32::from_le_bytes(bytes[from..from + 4].try_into().expect("four bytes")))
-    };
-    ((0..count).map(|i| (number(i, 0) + number(i, 1) + number(i, 2)) / 3.0).sum::<f64>() / count as f64, count)
+fn mean_radiance(bytes: &[u8]) -> (f64, usize) {
+    let all = radiance(bytes);
+    let sum: f64 = all.iter().map(|v| v.iter().map(|&c| f64::from(c)).sum::<f64>() / 3.0).sum();
+    (sum / all.len() as f64, all.len())
 }
 
 #[test]
@@ -158,7 +140,7 @@ fn eight_scenes_planned_and_full() {
                 format!("relight {store}.isolume --isovalue {isovalue} --env {env} --albedo {albedo} {emission}");
             let told = bench.json(&format!("{line} --exposure 0 --radiance -o {store}.ply"));
             let rms = told["files"][0]["error"]["rms_over_mean"].as_f64().expect("an error");
-            let (mean, count) = mean_radiance(&bench.path(&format!("{store}.ply")));
+            let (mean, count) = mean_radiance(&bench.bytes(&format!("{store}.ply")));
             // Of eight texels that a vertex reads, vertices around share most.
             (mean, rms * mean / (count as f64 / 8.0).sqrt())
         };

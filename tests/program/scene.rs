@@ -1,6 +1,6 @@
 //! Scene files through the program: the examples run, options override the file, and mistakes name file and line.
 
-use crate::common::program::Bench;
+use crate::common::program::{Bench, radiance};
 use serde_json::Value;
 use std::path::Path;
 
@@ -226,40 +226,6 @@ const ROOM: &str = "volume = \"bumpbox:12\"\nisovalues = [47]\noutputs = [\"box.
     [bake]\nrays = 16\nlayers = 3\nbands = 1\n[[walls]]\nshape = \"room\"\nmin = [0, 0, 0]\nmax = [1, 1, 1]\nalbedo = [0.6, 0.3, 0.3]\n\
     [[luminaires]]\nname = \"ceiling\"\nshape = \"rectangle\"\ncorner = [0.3, 0, 0.3]\nu = [0, 0, 0.4]\nv = [0.4, 0, 0]\npower = 90\n\
     [camera]\nsize = [24, 24]\nexposure = 0\n";
-
-/// `_RADIANCE` of the vertices of a PLY file.
-fn radiance(bytes: &[u8]) -> Vec<[f32; 3]> {
-    let end = b"end_header\n";
-    let at = bytes.windows(end.len()).position(|w| w == end).expect("a header") + end.len();
-    let header = String::from_utf8_lossy(&bytes[..at]).into_owned();
-    let count: usize =
-        header.lines().find_map(|l| l.strip_prefix("element vertex ")?.trim().parse().ok()).expect("vertices");
-    let size = |kind: &str| match kind {
-        "float" | "float32" | "int" | "uint" => 4,
-        "uchar" | "uint8" => 1,
-        "double" => 8,
-        other => panic!("{other}"),
-    };
-    let vertex: Vec<(usize, String)> = header
-        .lines()
-        .skip_while(|l| !l.starts_with("element vertex"))
-        .skip(1)
-        .take_while(|l| l.starts_with("property"))
-        .map(|l| l.split_whitespace().collect::<Vec<_>>())
-        .map(|w| (size(w[1]), w[2].to_string()))
-        .collect();
-    let stride: usize = vertex.iter().map(|(n, _)| n).sum();
-    let first = vertex.iter().position(|(_, name)| name.starts_with("radiance")).expect("the radiance");
-    let offset: usize = vertex[..first].iter().map(|(n, _)| n).sum();
-    (0..count)
-        .map(|i| {
-            std::array::from_fn(|c| {
-                let from = at + i * stride + offset + 4 * c;
-                f32::from_le_bytes(bytes[from..from + 4].try_into().expect("four bytes"))
-            })
-        })
-        .collect()
-}
 
 #[test]
 fn luminaires_are_relit_without_rays() {

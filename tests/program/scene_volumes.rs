@@ -1,7 +1,7 @@
 //! Scenes of several volumes through the program: one store for all, metadata that comes back, and mistakes named by
 //! file and line.
 
-use crate::common::program::Bench;
+use crate::common::program::{Bench, radiance};
 
 const PAIR: &str = "coupling = COUPLING\n[[volumes]]\nname = \"bumps\"\nvolume = \"bumpbox:12\"\n\
     [[volumes]]\nname = \"gyroid\"\nvolume = \"gyroid:9\"\nscale = 0.3\n\
@@ -14,22 +14,6 @@ fn swapped(coupling: &str) -> String {
     let tables: Vec<&str> = text.split("[[volumes]]\n").collect();
     let (second, rest) = tables[2].split_once("[bake]").expect("a bake");
     format!("{}[[volumes]]\n{second}[[volumes]]\n{}[bake]{rest}", tables[0], tables[1])
-}
-
-/// `_RADIANCE` of a PLY file, in order.
-fn radiance(bytes: &[u8]) -> Vec<u8> {
-    let end = b"end_header\n";
-    let at = bytes.windows(end.len()).position(|w| w == end).expect("a header") + end.len();
-    let header = String::from_utf8_lossy(&bytes[..at]).into_owned();
-    let mut sizes = header.lines().skip_while(|l| !l.starts_with("element vertex")).map(str::to_string);
-    let count: usize = sizes.next().expect("vertices")["element vertex ".len()..].trim().parse().expect("a number");
-    let properties: Vec<(usize, bool)> = sizes
-        .take_while(|l| l.starts_with("property"))
-        .map(|l| (if l.contains("uchar") || l.contains("uint8") { 1 } else { 4 }, l.contains("radiance")))
-        .collect();
-    let stride: usize = properties.iter().map(|p| p.0).sum();
-    let first: usize = properties.iter().take_while(|p| !p.1).map(|p| p.0).sum();
-    (0..count).flat_map(|i| bytes[at + i * stride + first..][..12].to_vec()).collect()
 }
 
 #[test]

@@ -2,6 +2,7 @@
 //! (4D NRRD), nibabel (4D NIfTI). Runs with the interpreter that ISOLUME_PYTHON names, `python3` otherwise, and skips
 //! where it lacks one of them.
 
+use super::python;
 use isolume::volume::{Channel, Choice, LengthUnit, ReadHint, Volume, open_with};
 use std::path::Path;
 use std::process::Command;
@@ -35,12 +36,6 @@ nrrd.write(out + "list.nrrd", tczyx.transpose(0, 4, 3, 2, 1)[:, :, :, :, 0], {"k
     "space dimension": 3, "space directions": numpy.array([[numpy.nan] * 3, [.5, 0, 0], [0, .7, 0], [0, 0, 1.1]])})
 "#;
 
-fn python() -> Option<String> {
-    let python = std::env::var("ISOLUME_PYTHON").unwrap_or_else(|_| "python3".into());
-    let test = Command::new(&python).args(["-c", "import tifffile, SimpleITK, nibabel, nrrd"]).output();
-    test.is_ok_and(|t| t.status.success()).then_some(python)
-}
-
 fn read(path: &Path, channel: Option<&str>, timepoint: usize) -> Volume {
     let channel = channel.map(|c| c.parse::<Channel>().expect("a channel"));
     let choice = Choice { channel, timepoint: Some(timepoint), ..Choice::default() };
@@ -61,7 +56,7 @@ fn assert_phantom(volume: &Volume, shift: f32, what: &str) {
 
 #[test]
 fn files_of_other_programs_keep_their_planes_and_their_place() {
-    let Some(python) = python() else {
+    let Some(python) = python("import tifffile, SimpleITK, nibabel, nrrd") else {
         println!("skipped: no Python with tifffile, SimpleITK, nibabel and pynrrd (set ISOLUME_PYTHON)");
         return;
     };

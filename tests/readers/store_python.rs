@@ -1,6 +1,7 @@
 //! Stores opened by others: zarr-python 3 and, if it is there, xarray. Runs with the interpreter
 //! that ISOLUME_PYTHON names, `python3` otherwise, and skips where it has no zarr.
 
+use super::python;
 use glam::DVec3;
 use half::f16;
 use isolume::geom::Affine;
@@ -83,15 +84,9 @@ else:
     print("xarray", xarray.__version__)
 "#;
 
-fn python() -> Option<String> {
-    let python = std::env::var("ISOLUME_PYTHON").unwrap_or_else(|_| "python3".into());
-    let test = Command::new(&python).args(["-c", "import zarr; assert zarr.__version__ >= '3'"]).output();
-    test.is_ok_and(|t| t.status.success()).then_some(python)
-}
-
 #[test]
 fn python_reads_what_was_written() {
-    let Some(python) = python() else {
+    let Some(python) = python("import zarr; assert zarr.__version__ >= '3'") else {
         println!("skipped: no Python with zarr 3 (set ISOLUME_PYTHON to an interpreter that has it)");
         return;
     };
