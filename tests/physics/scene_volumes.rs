@@ -1,5 +1,5 @@
-//! Several volumes that light each other, and points of light in mirrors: against one volume that holds both, against closed
-//! forms, and against each alone.
+//! Several volumes that light each other, and points of light in mirrors: against one volume that holds both, against
+//! closed forms, and against each alone.
 
 use crate::common::scenes::{Square, baked, corner_factor, radiance_of_texel};
 use glam::{DMat3, DVec3};

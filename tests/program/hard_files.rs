@@ -80,7 +80,7 @@ fn truncated_volumes_probes_and_stores() {
 #[test]
 fn a_header_that_claims_1e12_voxels() {
     let bench = Bench::new();
-    bench.write("huge.nrrd", &nrrd("10000 10000 10000", b"abc"));
+    bench.write("huge.nrrd", nrrd("10000 10000 10000", b"abc"));
     for command in READERS {
         bench.refuses_line(&format!("{command} huge.nrrd"), &["huge.nrrd", "10000×10000×10000"]);
     }
@@ -189,7 +189,7 @@ fn no_permission_to_read() {
     use std::os::unix::fs::PermissionsExt;
     let bench = Bench::new();
     bench.run(&format!("bake sphere:12 {BAKE} -o s.isolume"));
-    bench.write("v.nrrd", &nrrd("6 6 6", &[7; 216]));
+    bench.write("v.nrrd", nrrd("6 6 6", &[7; 216]));
     bench.write("sky.hdr", b"#?RADIANCE\n\n-Y 1 +X 2\nabcdabcd");
     for name in ["v.nrrd", "sky.hdr", "s.isolume/zarr.json"] {
         std::fs::set_permissions(bench.path(name), PermissionsExt::from_mode(0o000)).expect("closed");
