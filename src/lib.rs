@@ -51,7 +51,7 @@
 //! Y_1,0 = 0.488603 z, Y_1,1 = 0.488603 x. Stated in [`sh`].
 //!
 //! # Who may use whom
-//! A module uses only modules above it, and not those in the last column; `tests/layering.rs` enforces it.
+//! A module uses only modules above it, and not those in the last column; `tests/layering` enforces it.
 //!
 //! | module | holds | knows nothing of |
 //! |---|---|---|

@@ -38,7 +38,7 @@ fn main() -> isolume::Result<()> {
     let start = Instant::now();
     let mut bytes = 0usize;
     let summary = bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |_, bricks| {
-        bytes += bricks.iter().flatten().map(|b| 2 * (b.transfer.len() + b.stderr.len())).sum::<usize>();
+        bytes += bricks.iter().flatten().flatten().map(|b| 2 * (b.transfer.len() + b.stderr.len())).sum::<usize>();
         Ok(())
     })?;
     let seconds = start.elapsed().as_secs_f64();

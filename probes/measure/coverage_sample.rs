@@ -1,5 +1,5 @@
 //! Whether error bars cover: texels and points between texels, each baked alone with few rays and with many, looked
-//! up as relight does. Shared by the program `measure-coverage` and the test `transport_coverage`.
+//! up as relight does. Shared by the program `measure-coverage` and the test `physics::transport_coverage`.
 
 #![allow(dead_code)] // Program and test use their own parts of this.
 

@@ -1,4 +1,4 @@
-//! Every reader under damaged input for as long as it is told to; see `tests/fuzz.rs` for what is asserted.
+//! Every reader under damaged input for as long as it is told to; see `tests/fuzz` for what is asserted.
 //!
 //! RAYON_NUM_THREADS=1 cargo run --release --example measure-fuzz -- SECONDS [TARGET|all [START [RUNS]]]
 //! cargo run --release --example measure-fuzz -- corpus
@@ -14,7 +14,7 @@ mod memory;
 mod mutate;
 #[path = "../../tests/fuzz/seeds.rs"]
 mod seeds;
-#[allow(dead_code, reason = "shared with tests/fuzz.rs")]
+#[allow(dead_code, reason = "shared with tests/fuzz")]
 #[path = "../../tests/fuzz/targets.rs"]
 mod targets;
 

@@ -1,5 +1,5 @@
 //! Checks of meshes, and PLY against a reader written from the format's definition. GLB is read
-//! back by `tests/gltf_validator.rs`.
+//! back by `tests/readers/gltf_validator.rs`.
 
 use super::*;
 use std::io;

@@ -9,7 +9,7 @@
 //! smoothed normal allows and the facet forbids: it meets the surface where it starts. So it counts
 //! as a hit of distance 0, and the path goes on from the same place. Taking such rays as black
 //! instead loses energy at every bounce: on 8-bit and noisy hemispheres the ambient error is then
-//! 1.2 times larger and its bias 1.3 to 1.6 times (`tests/transport_quantised.rs`).
+//! 1.2 times larger and its bias 1.3 to 1.6 times (`tests/physics/transport_quantised.rs`).
 //!
 //! Layer 0 has a control variate: the clamped cosine of the unoccluded texel is known, so
 //! T_0 = E[V Y] − β (E[Y] − A) for any β that is independent of the samples. Per sample the

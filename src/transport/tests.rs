@@ -1,5 +1,5 @@
 //! Estimates of single texels in f32, before storage. The judges over the public API are in
-//! `tests/transport_*.rs`.
+//! `tests/physics/transport_*.rs`.
 
 use super::path::{Scratch, estimate};
 use super::*;

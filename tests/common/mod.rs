@@ -1,16 +1,28 @@
-//! Scenes and measures shared by the judges of light transport and relight. Public API only.
+//! What test binaries share: here volumes, bakes and measures of light transport; below scenes, hard cases, the
+//! oracle of rays, and the program in a folder of its own. Public API only.
 #![allow(dead_code)] // Every test binary uses its own part of this.
+
+pub mod cases;
+pub mod oracle;
+pub mod program;
+pub mod rays;
+pub mod scenes;
+pub mod stability;
+pub mod twins;
 
 use glam::DVec3;
 use isolume::geom::Bounds;
 use isolume::level::{LevelField, Pyramid};
+use isolume::relight::Material;
 use isolume::sampling::hash::uniform;
+use isolume::sh;
 use isolume::transfer::{
     BRICK, BRICK_TEXELS, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, validity,
 };
 use isolume::transport::{Bake, ChunkBricks, Progress, Settings, Summary, bake};
 use isolume::volume::field::{Field, sample};
 use isolume::volume::{Samples, Volume};
+use std::f64::consts::PI;
 
 /// sqrt(4π): from the first coefficient to the mean over the sphere times 4π; a_k = this · T_k,00.
 pub const ROOT_FOUR_PI: f64 = 3.544_907_701_811_032;
@@ -176,6 +188,23 @@ impl Baked {
             .filter(|&b| self.texture.brick(b).unwrap().is_some())
             .collect()
     }
+}
+
+/// T of a convex body with normal `n`: (A_l/π) Y_lm(n).
+pub fn clamped_cosine(bands: usize, n: [f64; 3]) -> Vec<f64> {
+    let mut values = vec![0.0; bands * bands];
+    sh::basis::evaluate(bands, n, &mut values);
+    for l in 0..bands {
+        for value in &mut values[l * l..(l + 1) * (l + 1)] {
+            *value *= sh::CLAMPED_COSINE[l] / PI;
+        }
+    }
+    values
+}
+
+/// A material of the same albedo and emission in every channel.
+pub fn grey(albedo: f32, emission: f32) -> Material {
+    Material::new([albedo; 3], [emission; 3]).unwrap()
 }
 
 /// Number `i` of a fixed stream of uniform numbers.

@@ -2,8 +2,15 @@
 
 use assert_cmd::Command;
 use serde_json::Value;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
+use std::process;
 use tempfile::TempDir;
+
+/// Where the program is.
+pub fn isolume() -> PathBuf {
+    assert_cmd::cargo::cargo_bin("isolume")
+}
 
 /// A folder and the program in it.
 pub struct Bench {
@@ -22,13 +29,24 @@ impl Bench {
         self.folder.path().join(name)
     }
 
+    /// Any program, in the folder.
+    pub fn here(&self, program: impl AsRef<OsStr>) -> process::Command {
+        let mut command = process::Command::new(program);
+        // Nothing may land in the home of who runs the tests.
+        command.current_dir(self.folder.path()).env("HOME", self.folder.path()).env_remove("XDG_CACHE_HOME");
+        command
+    }
+
+    /// A command line, cut at spaces, for tests that start the program and go on beside it.
+    pub fn process(&self, line: &str) -> process::Command {
+        let mut command = self.here(isolume());
+        command.args(line.split_whitespace());
+        command
+    }
+
     /// A command line, cut at spaces.
     pub fn command(&self, line: &str) -> Command {
-        let mut command = Command::cargo_bin("isolume").expect("the program is built");
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        // Nothing may land in the home of who runs the tests.
-        command.env("HOME", self.folder.path()).env_remove("XDG_CACHE_HOME");
-        command
+        Command::from_std(self.process(line))
     }
 
     /// Runs a line that must succeed and returns its standard output.
@@ -95,4 +113,38 @@ pub fn collect(folder: &Path, names: &mut Vec<PathBuf>) {
         }
         names.push(path);
     }
+}
+
+/// `_RADIANCE` of the vertices of a PLY file.
+pub fn radiance(bytes: &[u8]) -> Vec<[f32; 3]> {
+    let end = b"end_header\n";
+    let at = bytes.windows(end.len()).position(|w| w == end).expect("a header") + end.len();
+    let header = String::from_utf8_lossy(&bytes[..at]).into_owned();
+    let count: usize =
+        header.lines().find_map(|l| l.strip_prefix("element vertex ")?.trim().parse().ok()).expect("vertices");
+    let size = |kind: &str| match kind {
+        "float" | "float32" | "int" | "uint" => 4,
+        "uchar" | "uint8" => 1,
+        "double" => 8,
+        other => panic!("{other}"),
+    };
+    let vertex: Vec<(usize, String)> = header
+        .lines()
+        .skip_while(|l| !l.starts_with("element vertex"))
+        .skip(1)
+        .take_while(|l| l.starts_with("property"))
+        .map(|l| l.split_whitespace().collect::<Vec<_>>())
+        .map(|w| (size(w[1]), w[2].to_string()))
+        .collect();
+    let stride: usize = vertex.iter().map(|(n, _)| n).sum();
+    let first = vertex.iter().position(|(_, name)| name.starts_with("radiance")).expect("the radiance");
+    let offset: usize = vertex[..first].iter().map(|(n, _)| n).sum();
+    (0..count)
+        .map(|i| {
+            std::array::from_fn(|c| {
+                let from = at + i * stride + offset + 4 * c;
+                f32::from_le_bytes(bytes[from..from + 4].try_into().expect("four bytes"))
+            })
+        })
+        .collect()
 }

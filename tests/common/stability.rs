@@ -1,5 +1,5 @@
 //! The stability run: every ray family over every ray volume, our tracer and its twins, each answer judged by
-//! the oracle. `tests/hard_rays.rs` asserts a short run, `probes/measure/stability.rs` makes the table.
+//! the oracle. `tests/physics/hard_rays.rs` asserts a short run, `probes/measure/stability.rs` makes the table.
 #![allow(dead_code)] // Every program that uses it uses its own part.
 
 use super::oracle::{Fault, Oracle, Profile, Said, Verdict, as_traced, judge, judge_within};

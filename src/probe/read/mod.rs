@@ -12,7 +12,7 @@
 //! both ratio and attribute.
 //!
 //! # Panics
-//! None, on any bytes (`tests/fuzz.rs`). `unwrap` and `expect` are denied. Indexing is not: indices are channels,
+//! None, on any bytes (`tests/fuzz`). `unwrap` and `expect` are denied. Indexing is not: indices are channels,
 //! values of 16 bits into a table of 2¹⁶, or pixels of a buffer made for that very size.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]

@@ -40,7 +40,7 @@
 //! The format is described for other programs in `FORMAT.md` beside this file.
 //!
 //! # Panics
-//! None, on any bytes (`tests/fuzz.rs`). `unwrap` and `expect` are denied. Indexing is not: indices are axes,
+//! None, on any bytes (`tests/fuzz`). `unwrap` and `expect` are denied. Indexing is not: indices are axes,
 //! slots of a chunk, JSON fields (which read as null when absent), or ranges of a file whose length was compared
 //! a step before.
 

@@ -1,7 +1,7 @@
 //! One file for each format. Each turns a source into the parts of a volume.
 //!
 //! # Panics
-//! None, on any bytes (`tests/fuzz.rs`). `unwrap` and `expect` are denied in all readers. Indexing is denied
+//! None, on any bytes (`tests/fuzz`). `unwrap` and `expect` are denied in all readers. Indexing is denied
 //! where places are computed from the file: cube, VTK, TIFF (but for the axes of OME), raw. In NIfTI, MRC, NRRD and NumPy it stays:
 //! indices there are axes, 0 to 2, or fixed offsets into headers of a fixed length, and the formula reads
 //! like the format's definition.

@@ -1,0 +1,21 @@
+//! Light transport, relight and surfaces through the library: closed forms, invariances, convergence and hard cases, by
+//! the numbers of `tests/VALIDATION.md`.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod hard_cases;
+mod hard_environments;
+mod hard_rays;
+mod light;
+mod open;
+mod relight_transport;
+mod scene_volumes;
+mod scene_walls;
+mod sh_properties;
+mod transport_bowl;
+mod transport_closed_forms;
+mod transport_convergence;
+mod transport_coverage;
+mod transport_invariance;
+mod transport_quantised;

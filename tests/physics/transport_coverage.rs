@@ -1,0 +1,79 @@
+//! The reduced form of `measure-coverage`: 95 % intervals of a_0 and of radiance under a smooth sky hold the truth at
+//! 93 to 97 % of the texels.
+
+#[path = "../../probes/measure/coverage_sample.rs"]
+mod coverage_sample;
+
+use coverage_sample::{Coverage, Subject};
+use isolume::sampling::statistics::sidak;
+use isolume::volume::{Volume, field, open};
+use std::path::PathBuf;
+
+const TEXELS: usize = 500;
+const RAYS: [u32; 2] = [64, 256];
+/// 64 times the fewer and 16 times the more rays. An error falls as N^−0.75 or so, so this reference has 1/64 of the
+/// variance at 256 rays, and 0.8 % of the standard error is added: nothing beside the sample.
+const REFERENCE: u32 = 4096;
+
+fn volumes() -> Vec<(&'static str, Volume)> {
+    let analytic = |name| (name, field::by_name(name).unwrap().unwrap().sample().unwrap());
+    let mut volumes: Vec<_> = ["sphere-over-plane", "bumpbox", "gyroid"].map(analytic).into();
+    let folder = std::env::var_os("ISOLUME_DATA")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let path = folder.join("volumes/mni152_t1_2mm.nii.gz");
+    match path.exists() {
+        true => volumes.push(("mni152 2 mm", open(&path).unwrap())),
+        false => println!("skipped: {} is absent (set ISOLUME_DATA)", path.display()),
+    }
+    volumes
+}
+
+/// Chance that at most `hits` of `trials` succeed when each does with chance `p`.
+fn binomial_below(hits: usize, trials: usize, p: f64) -> f64 {
+    let choose = |k: usize| ln_gamma(trials + 1) - ln_gamma(k + 1) - ln_gamma(trials - k + 1);
+    (0..=hits).map(|k| (choose(k) + k as f64 * p.ln() + (trials - k) as f64 * (1.0 - p).ln()).exp()).sum()
+}
+
+/// ln Γ(n) of a whole number.
+fn ln_gamma(n: usize) -> f64 {
+    (1..n).map(|i| (i as f64).ln()).sum()
+}
+
+#[test]
+fn intervals_cover_what_they_promise() {
+    let volumes = volumes();
+    // A test from below and one from above for each of two numbers at two counts of rays.
+    let limit = sidak(0.01, 8 * volumes.len());
+    for (name, volume) in volumes {
+        let subject = Subject::new(volume).unwrap();
+        let lights = [subject.light("gradient").unwrap()];
+        let mut lists = subject.measure(&subject.texels(TEXELS, 2026), &RAYS, REFERENCE, &lights);
+        let reference = lists.pop().unwrap();
+        for (rays, found) in RAYS.iter().zip(&lists) {
+            for (which, number) in ["a_0", "gradient sky"].into_iter().enumerate() {
+                let c = Coverage::of(found, &reference, which);
+                println!(
+                    "{name}, {rays} rays, {number}: {:.3} of {} covered, {:.3} of {} with equal replicates; true over stated variance {:.2} (uncorrelated {:.2})",
+                    c.share(),
+                    c.places,
+                    c.equal_share(),
+                    c.equal,
+                    c.ratio,
+                    c.uncorrelated_ratio
+                );
+                let missed = c.places - c.covered;
+                let too_few = binomial_below(c.covered, c.places, 0.93);
+                assert!(too_few > limit, "{name}, {rays} rays, {number}: {c:?} p {too_few:.1e}");
+                // On the bump box hardly anything is hidden. A texel that is missed by fewer than about three of N
+                // rays shows either no difference, and is not counted here, or an error that its interval spans.
+                let too_many = binomial_below(missed, c.places, 0.03);
+                assert!(name == "bumpbox" || too_many > limit, "{name}, {rays} rays, {number}: {c:?} p {too_many:.1e}");
+                // The mean square is ruled by few texels; the intervals above are the promise.
+                assert!((0.5..1.6).contains(&c.ratio), "{name}, {rays} rays, {number}: {c:?}");
+                // Where nothing differs the floor and what the higher bands saw must do.
+                let equal_missed = binomial_below(c.equal_covered, c.equal.max(1), 0.93);
+                assert!(c.equal == 0 || equal_missed > limit, "{name}, {rays} rays, {number}: {c:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,293 @@
+//! Scene files through the program: the examples run, options override the file, and mistakes name file and line.
+
+use crate::common::program::{Bench, radiance};
+use serde_json::Value;
+use std::path::Path;
+
+fn example(name: &str) -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/scenes").join(name).display().to_string()
+}
+
+/// Small forms of the options that take time.
+const SMALL: &str = "--rays 4 --texture 0.25 --size 40x30 --cache cache";
+
+#[test]
+fn the_examples_run() {
+    let bench = Bench::new();
+    for (name, files) in [("bumps", 2), ("brain", 2), ("core", 2), ("box", 4), ("glass", 1), ("pair", 1)] {
+        let lit = bench.json(&format!("relight {} {SMALL}", example(&format!("{name}.toml"))));
+        let written = lit["files"].as_array().expect("files");
+        assert_eq!(written.len(), files, "{name}: {lit}");
+        for file in written {
+            let path = bench.folder.path().join(file["path"].as_str().expect("a path"));
+            assert!(std::fs::metadata(&path).is_ok_and(|m| m.len() > 100), "{}", path.display());
+        }
+    }
+}
+
+#[test]
+fn a_scene_means_what_its_options_mean() {
+    let bench = Bench::new();
+    bench.write(
+        "s.toml",
+        "volume = \"bumpbox:20\"\nisovalues = [30]\noutputs = \"scene.glb\"\n[material]\nalbedo = 0.5\n\
+         [bake]\nrays = 8\nlayers = 2\n[probe]\nname = \"studio\"\nrotation = 20\n[camera]\nexposure = 0\n",
+    );
+    bench.run("relight s.toml --cache a");
+    let options = "--isovalue 30 --albedo 0.5 --rays 8 --layers 2 --env studio --env-rotate 20 --exposure 0";
+    bench.run(&format!("relight bumpbox:20 {options} --cache b -o options.glb"));
+    assert!(bench.bytes("scene.glb") == bench.bytes("options.glb"));
+    // What the line says counts more.
+    bench.run("relight s.toml --cache a --albedo 0.25 --env-rotate=-20 -o other.glb");
+    let options = "--isovalue 30 --albedo 0.25 --rays 8 --layers 2 --env studio --env-rotate=-20 --exposure 0";
+    bench.run(&format!("relight bumpbox:20 {options} --cache b -o options.glb"));
+    assert!(bench.bytes("other.glb") == bench.bytes("options.glb"));
+    // The same for bakes: the store of the scene is that of the options.
+    let baked = bench.json("bake s.toml -o s.isolume");
+    let plain = bench.json("bake bumpbox:20 --isovalues 30 --rays 8 --layers 2 -o p.isolume");
+    for key in ["rays", "paths", "texels", "mean_escapes"] {
+        assert_eq!(baked["bake"][key], plain["bake"][key], "{key}");
+    }
+    assert_eq!(baked["identity"], plain["identity"]);
+    let more = bench.json("bake s.toml --rays 16 -o s.isolume");
+    assert_eq!(more["bake"]["rays_per_texel"], 16);
+}
+
+#[test]
+fn tables_give_every_isovalue_its_material() {
+    let bench = Bench::new();
+    bench.write(
+        "t.toml",
+        "volume = \"sphere:16\"\nisovalues = [-0.6]\noutputs = \"t.ply\"\n\
+         [material]\nalbedo = [[-1, 0], [-0.2, 0.8]]\nemission = [[-0.6, 0.25], [0, 4]]\n\
+         [probe]\nname = \"constant\"\n[camera]\nexposure = 0\n",
+    );
+    bench.run("relight t.toml --cache c --radiance");
+    // Outside a sphere under radiance 1: albedo 0.4 by the table, and 0.25 of its own.
+    bench.run("relight sphere:16 --isovalue -0.6 --env constant --exposure 0 --albedo 0.4 --emission 0.25 --cache c -o o.ply --radiance");
+    let colours = |name: &str| {
+        let bytes = bench.bytes(name);
+        let end = b"end_header\n";
+        let at = bytes.windows(end.len()).position(|w| w == end).expect("a header");
+        bytes[at..].to_vec()
+    };
+    assert!(colours("t.ply") == colours("o.ply"));
+    let dark = bench.json("plan t.toml --effects -emission");
+    let row =
+        dark["effects"].as_array().expect("rows").iter().find(|e| e["name"] == "emission").expect("a row").clone();
+    assert_eq!((row["on"].as_bool(), row["error"].as_f64()), (Some(false), Some(0.25)));
+}
+
+#[test]
+fn the_plan_names_every_effect_and_switches_state_their_price() {
+    let bench = Bench::new();
+    let rows = |line: &str| bench.json(line)["effects"].as_array().expect("rows").clone();
+    let row = |rows: &[Value], name: &str| rows.iter().find(|e| e["name"] == name).expect("a row").clone();
+    let plan = rows("plan gyroid:24");
+    let names: Vec<&str> = plan.iter().filter_map(|e| e["name"].as_str()).collect();
+    assert_eq!(names, isolume::scene::EFFECTS);
+    for absent in ["walls", "luminaires", "caustics", "media", "colour-channels", "emission", "sun-split"] {
+        assert_eq!(row(&plan, absent)["on"], false, "{absent}");
+        assert_eq!(row(&plan, absent)["cost_share"], 0.0, "{absent}");
+    }
+    let costs: f64 = plan.iter().filter_map(|e| e["cost_share"].as_f64()).sum();
+    assert!((costs - 1.0).abs() < 1e-9, "{costs}");
+    // Without interreflection there is one layer, and its price is larger.
+    let direct = rows("plan gyroid:24 --effects -interreflection");
+    let price = |rows: &[Value]| row(rows, "interreflection")["error"].as_f64().expect("a price");
+    assert_eq!(row(&direct, "interreflection")["on"], false);
+    assert!(price(&direct) > price(&plan) && price(&plan) > 0.0);
+    let unshaded = rows("plan gyroid:24 --effects -shadowing");
+    assert!(row(&unshaded, "shadowing")["error"].as_f64().is_some_and(|e| e > 0.1), "{unshaded:?}");
+    // A sphere declares itself convex.
+    let sphere = rows("plan sphere:24");
+    assert_eq!(row(&sphere, "shadowing")["on"], false);
+    assert_eq!(row(&rows("plan sphere:24 --solid below"), "shadowing")["on"], true);
+    for (switch, words) in [
+        ("+shadowin", "did you mean shadowing?"),
+        ("shadowing", "+shadowing"),
+        ("+walls", "describe it there"),
+        ("+media", "cannot have it yet"),
+        ("-texels", "--isovalues"),
+    ] {
+        let output = bench.command(&format!("plan sphere:8 --effects {switch}")).assert().code(2).get_output().clone();
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(text.contains(words), "{switch}: {text}");
+    }
+}
+
+#[test]
+fn counters_show_that_what_is_off_costs_nothing() {
+    let bench = Bench::new();
+    let small = "--rays 8 --layers 3 --bands 2";
+    let effects = |line: &str| bench.json(line)["bake"].clone();
+    let whole = effects(&format!("bake gyroid:16 {small} -o a.isolume -v"));
+    let count = |bake: &Value, name: &str, what: &str| bake["effects"][name][what].as_u64().expect("a count");
+    assert!(count(&whole, "shadowing", "rays") > 0 && count(&whole, "interreflection", "rays") > 0);
+    assert_eq!(
+        count(&whole, "shadowing", "rays") + count(&whole, "interreflection", "rays"),
+        whole["rays"].as_u64().expect("rays")
+    );
+    assert_eq!(whole["plan"].as_array().map(Vec::len), Some(12));
+    let direct = effects("bake gyroid:16 --rays 8 --bands 2 --effects -interreflection -o b.isolume");
+    assert_eq!(count(&direct, "interreflection", "rays"), 0);
+    assert_eq!(direct["mean_escapes"].as_array().map(Vec::len), Some(1));
+    let none = effects(&format!("bake gyroid:16 {small} --effects -shadowing -o c.isolume"));
+    assert_eq!((none["rays"].as_u64(), count(&none, "shadowing", "rays")), (Some(0), 0));
+    // The clamped cosine: a_0 = 1 to the rounding of f32 sums, nothing reflected twice.
+    let escapes: Vec<f64> = none["mean_escapes"].as_array().expect("a list").iter().filter_map(Value::as_f64).collect();
+    assert!((escapes[0] - 1.0).abs() < 1e-6 && escapes[1..] == [0.0, 0.0], "{escapes:?}");
+    for bake in [&whole, &direct, &none] {
+        for (effect, what) in [("walls", "rays"), ("luminaires", "rays"), ("caustics", "photons"), ("media", "rays")] {
+            assert_eq!(count(bake, effect, what), 0);
+        }
+    }
+    // Other effects, another store.
+    let text = bench.refuses(&format!("bake gyroid:16 {small} --effects -shadowing -o a.isolume"));
+    assert!(text.contains("shadowing ignored"), "{text}");
+    let text = bench.refuses("relight a.isolume --isovalue 0 --env sky --effects -shadowing -o x.glb");
+    assert!(text.contains("at the bake"), "{text}");
+}
+
+#[test]
+fn a_mistake_names_file_line_and_remedy() {
+    let bench = Bench::new();
+    bench.write("there.nrrd", "no volume");
+    let rest = "isovalues = [30]\n[probe]\nname = \"sky\"\n";
+    let cases: [(&str, &str, &[&str]); 22] = [
+        ("volume = \"bumpbox:8\"\nisovalus = [30]\n", "s.toml:2:", &["did you mean isovalues?"]),
+        ("volume = \"ther.nrrd\"\n", "s.toml:1:", &["ther.nrrd", "did you mean", "there.nrrd"]),
+        ("\nvolume = \"there.nrrd\"\n", "s.toml:2:", &["there.nrrd"]),
+        ("volume = \"bumpbx:8\"\n", "s.toml:1:", &["did you mean the field bumpbox?"]),
+        ("volume = \"bumpbox:8\"\nisovalues = [30, 999]\n", "s.toml:2:", &["999", "range"]),
+        ("volume = \"bumpbox:8\"\n[material]\nalbedo = 1.5\n", "s.toml:3:", &["1.5", "from 0 to 1", "reflect"]),
+        ("volume = \"bumpbox:8\"\n[material]\nalbedo = [[1, 0.5], [0, 0.5]]\n", "s.toml:3:", &["ascend", "lowest"]),
+        ("volume = \"bumpbox:8\"\n[material]\nemission = -2\n", "s.toml:3:", &["-2", "not negative"]),
+        ("volume = \"bumpbox:8\"\n[bake]\nrays = \"many\"\n", "s.toml:3:", &["whole number"]),
+        ("volume = 7\n", "s.toml:1:", &["volume = 7", "text"]),
+        ("volume = \"bumpbox:8\"\n[walls]\n", "s.toml:2:", &["tables", "[[walls]]"]),
+        ("volume = \"bumpbox:8\"\n[media]\n", "s.toml:2:", &["media are not supported yet"]),
+        (
+            "volume = \"bumpbox:8\"\n[[walls]]\nshape = \"room\"\nmin = [0, 0, 0]\nmax = [1, 1, 1]\nalbedo = 1.2\n",
+            "s.toml:6:",
+            &["walls[0].albedo = 1.2", "from 0 to 1", "reflect more"],
+        ),
+        ("volume = \"bumpbox:8\"\n[[walls]]\nshape = \"rom\"\n", "s.toml:3:", &["did you mean room?"]),
+        (
+            "volume = \"bumpbox:8\"\n[[objects]]\nshape = \"sphere\"\ncentre = [0, 0, 0]\nradios = 1\n",
+            "s.toml:5:",
+            &["objects[0].radios", "did you mean radius?"],
+        ),
+        (
+            "volume = \"bumpbox:8\"\n\n[[objects]]\nshape = \"mesh\"\nfile = \"chair.obj\"\n",
+            "s.toml:5:",
+            &["chair.obj", "a mesh that exists", "folder of the scene"],
+        ),
+        (
+            "volume = \"bumpbox:8\"\n[[objects]]\nshape = \"mesh\"\nfile = \"there.nrrd\"\n",
+            "s.toml:4:",
+            &["there.nrrd", "no triangle", "OBJ, PLY or glTF"],
+        ),
+        (
+            "volume = \"bumpbox:8\"\n[[luminaires]]\nshape = \"rectangle\"\ncorner = [0, 0, 0]\nu = [1, 0, 0]\nv = [2, 0, 0]\npower = 90\n",
+            "s.toml:2:",
+            &["a finite area above 0", "two edges that span an area"],
+        ),
+        (
+            "volume = \"bumpbox:8\"\n[[luminaires]]\nshape = \"point\"\nposition = [0, 0, 0]\n",
+            "s.toml:2:",
+            &["the key `power`", "a point luminaire has power, position"],
+        ),
+        ("volume = \"bumpbox:8\"\n[probe]\nfile = \"no.exr\"\n", "s.toml:3:", &["no.exr", "exists"]),
+        (
+            "volume = \"bumpbox:8\"\nisovalues = 30\n[probe]\nname = \"cuortyard\"\n",
+            "s.toml:4:",
+            &["did you mean courtyard?"],
+        ),
+        ("volume = \"bumpbox:8\n", "s.toml:1:", &["TOML"]),
+    ];
+    for (text, place, words) in cases {
+        let whole = if text.contains("[") { text.to_string() } else { format!("{text}{rest}") };
+        bench.write("s.toml", &whole);
+        let line = if text.contains("cuortyard") { "relight s.toml -o x.glb" } else { "bake s.toml -o x.isolume" };
+        let message = bench.refuses(line);
+        assert!(message.contains(place), "{text}: {message}");
+        assert!(words.iter().all(|word| message.contains(word)), "{text}: {message}");
+        assert!(!bench.folder.path().join("x.isolume").exists(), "{text}");
+    }
+    let message = bench.refuses("plan ss.toml");
+    assert!(message.contains("did you mean s.toml?"), "{message}");
+    // What a scene leaves open the line must say.
+    bench.write("s.toml", "volume = \"sphere:8\"\n");
+    bench.command("relight s.toml").assert().code(2);
+}
+
+const ROOM: &str = "volume = \"bumpbox:12\"\nisovalues = [47]\noutputs = [\"box.png\", \"box.ply\"]\n\
+    [bake]\nrays = 16\nlayers = 3\nbands = 1\n[[walls]]\nshape = \"room\"\nmin = [0, 0, 0]\nmax = [1, 1, 1]\nalbedo = [0.6, 0.3, 0.3]\n\
+    [[luminaires]]\nname = \"ceiling\"\nshape = \"rectangle\"\ncorner = [0.3, 0, 0.3]\nu = [0, 0, 0.4]\nv = [0.4, 0, 0]\npower = 90\n\
+    [camera]\nsize = [24, 24]\nexposure = 0\n";
+
+#[test]
+fn luminaires_are_relit_without_rays() {
+    let bench = Bench::new();
+    bench.write("room.toml", ROOM);
+    let baked = bench.json("bake room.toml -o room.isolume");
+    let effects = &baked["bake"]["effects"];
+    assert!(effects["walls"]["rays"].as_u64() > Some(0) && effects["luminaires"]["rays"].as_u64() > Some(0), "{baked}");
+    assert_eq!((effects["caustics"]["photons"].as_u64(), effects["media"]["rays"].as_u64()), (Some(0), Some(0)));
+    // A store lights itself; twice the power is twice the light, to the last bit.
+    let line = "relight room.isolume --isovalue 47 --exposure 0 --radiance";
+    let once = bench.json(&format!("{line} -o once.ply"));
+    assert_eq!(once["transport_rays"], 0);
+    bench.run(&format!("{line} -o twice.ply --luminaire ceiling=2"));
+    bench.run(&format!("{line} -o red.ply --luminaire ceiling=1,0,0"));
+    let [once, twice, red] = ["once.ply", "twice.ply", "red.ply"].map(|n| radiance(&bench.bytes(n)));
+    assert!(once.iter().any(|v| v[0] > 1.0) && once.len() == twice.len());
+    for ((a, b), r) in once.iter().zip(&twice).zip(&red) {
+        assert_eq!(a.map(|v| 2.0 * v), *b);
+        assert_eq!([a[0], 0.0, 0.0], *r);
+    }
+    // The scene itself gives the same surface, and a picture.
+    bench.run("relight room.toml --cache c --radiance");
+    assert_eq!(radiance(&bench.bytes("box.ply")), once);
+    assert!(bench.bytes("box.png").starts_with(b"\x89PNG"));
+    // Baked again nothing is done; other walls are another store.
+    assert_eq!(bench.json("bake room.toml -o room.isolume")["bake"]["chunks"]["baked"], 0);
+    bench.write("room.toml", ROOM.replace("0.6, 0.3", "0.5, 0.3"));
+    assert!(bench.refuses("bake room.toml -o room.isolume").contains("scene"));
+    // Switched off, walls and luminaires are as if they had not been described: the very same store.
+    bench.json("bake room.toml --effects -walls,-luminaires -o bare.isolume");
+    bench.json("bake bumpbox:12 --isovalues 47 --rays 16 --layers 3 --bands 1 -o plain.isolume");
+    let shard = |store: &str| bench.bytes(&format!("{store}.isolume/transfer/bumpbox/env/transfer/c/0/0/0/0"));
+    assert!(shard("bare") == shard("plain"));
+    for (line, words) in [
+        ("relight room.isolume --isovalue 47 -o x.ply --luminaire celing=2", "did you mean ceiling?"),
+        ("relight plain.isolume --isovalue 47 --env sky -o x.ply --luminaire ceiling=2", "a scene with luminaires"),
+        ("relight room.isolume --isovalue 47 --env sun:30,40 --sun-split -o x.ply", "walls of a scene"),
+        ("bake room.toml --error 1% -o x.isolume", "a number of rays"),
+        ("bake room.toml --estimator gather -o x.isolume", "path"),
+        ("compare room.isolume --isovalue 47 --env sky", "scene"),
+    ] {
+        let text = bench.refuses(line);
+        assert!(text.contains(words), "{line}: {text}");
+    }
+    // Without a luminaire an environment must be named.
+    bench.command("relight plain.isolume --isovalue 47 -o x.ply").assert().code(2);
+}
+
+#[test]
+fn caustics_that_need_photons_are_refused_by_name() {
+    let bench = Bench::new();
+    let glass = "[[objects]]\nshape = \"sphere\"\ncentre = [0.5, 0.2, 0.5]\nradius = 0.1\nmaterial = \"glass\"\n";
+    let bulb = "[[luminaires]]\nname = \"bulb\"\nshape = \"point\"\nposition = [0.5, 0.05, 0.5]\npower = 10\n";
+    bench.write("g.toml", format!("volume = \"bumpbox:10\"\nisovalues = 47\n[bake]\nrays = 4\n{glass}{bulb}"));
+    let text = bench.refuses("bake g.toml -o g.isolume");
+    assert!(text.contains("bulb") && text.contains("photons") && text.contains("-caustics"), "{text}");
+    let plan = bench.json("plan g.toml");
+    let row =
+        plan["effects"].as_array().expect("rows").iter().find(|e| e["name"] == "caustics").expect("a row").clone();
+    assert!(row["on"] == true && row["reason"].as_str().is_some_and(|r| r.contains("bulb")), "{row}");
+    let off = bench.json("bake g.toml --effects -caustics -o g.isolume");
+    let estimator = &off["identity"]["estimator"];
+    assert!(estimator["name"] == "scene-path" && estimator["caustics"] == false, "{estimator}");
+}
