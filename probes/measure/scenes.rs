@@ -93,7 +93,7 @@ fn boxes(folder: &Path, size: usize, paths: u32) -> isolume::Result<()> {
     );
     for rays_per_texel in [64, 256, 1024] {
         let start = Instant::now();
-        let baked = bake(&volume, &pyramid, &geometry, rays_per_texel)?;
+        let baked = baked(&volume, &pyramid, &geometry, rays_per_texel)?;
         let bake_seconds = start.elapsed().as_secs_f64();
         for (isovalue, reference, hits, seconds, reference_rays) in &references {
             let contracted = baked.contracted(&volume, *isovalue)?;
@@ -175,7 +175,7 @@ struct Baked {
     lattice: Lattice,
 }
 
-fn bake(volume: &Volume, pyramid: &Pyramid, geometry: &Geometry, rays: u32) -> isolume::Result<Baked> {
+fn baked(volume: &Volume, pyramid: &Pyramid, geometry: &Geometry, rays: u32) -> isolume::Result<Baked> {
     let layers = Layers::uniform(4, 1)?.coloured();
     let lattice = Lattice::from_ratio(volume.dims(), 1.0)?;
     let layout = Layout { lattice, layers: layers.clone() };

@@ -209,13 +209,8 @@ impl Request<'_> {
         GatherSettings { memory_limit: self.memory_limit.unwrap_or(default.memory_limit), ..default }
     }
 
-    /// What the estimators read.
-    pub(super) fn bake<'b>(
-        &'b self,
-        pyramid: &'b Pyramid,
-        settings: &'b Settings,
-        selection: &'b Selection,
-    ) -> Bake<'b> {
+    /// What the estimators read, of some texels.
+    pub fn bake<'b>(&'b self, pyramid: &'b Pyramid, settings: &'b Settings, selection: &'b Selection) -> Bake<'b> {
         let caustics = self.effects.switched("caustics") != Some(false);
         Bake { caustics, ..Bake::new(self.volume, pyramid, &self.layout, settings, selection).among(self.geometry) }
     }

@@ -164,12 +164,9 @@ impl Bake {
         let layout = layout_of_scene(transfer.layout(volume, &self.bake.bands)?, geometry);
         let settings = transfer.settings(&layout, seed, self.time.is_some());
         if let Some(texel) = self.replay_texel {
-            if geometry.is_some() {
-                let message = "--replay-texel knows no walls and luminaires: give the volume itself";
-                return Err(Failure::Message(message.into()));
-            }
-            replay::run(volume, &layout, &settings, texel, console)?;
-            return Ok(None);
+            let effects = self.bake.transfer.effects();
+            let job = baking::request(opened, scene, &self.bake, None, layout, settings, &effects);
+            return replay::run(&job, texel, console).map(|()| None);
         }
         if is_empty {
             console.note("every sample is the same: no surface, the store is empty");

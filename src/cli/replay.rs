@@ -2,12 +2,12 @@
 
 use super::console::Console;
 use super::{Outcome, text};
-use crate::error::Error;
-use crate::level::{LevelField, Pyramid, Site};
-use crate::transfer::{BRICK, Layout, Selection};
-use crate::transport::{Bake, ReplayedPath, Settings, bake_brick, replay};
-use crate::volume::Volume;
-use serde_json::json;
+use crate::bake::Request;
+use crate::level::Pyramid;
+use crate::scene::geometry::Geometry;
+use crate::transfer::{Layers, Selection};
+use crate::transport::{On, PathEnd, ReplayedPath, TexelEstimate, replay_texel};
+use serde_json::{Value, json};
 
 pub(super) fn parse_texel(text: &str) -> Result<[usize; 3], String> {
     let numbers: Option<Vec<usize>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
@@ -17,49 +17,33 @@ pub(super) fn parse_texel(text: &str) -> Result<[usize; 3], String> {
     }
 }
 
-pub(super) fn run(
-    volume: &Volume,
-    layout: &Layout,
-    settings: &Settings,
-    texel: [usize; 3],
-    console: &Console,
-) -> Outcome {
-    let m = layout.lattice.texels();
-    if (0..3).any(|a| texel[a] >= m[a]) {
-        let expected = format!("indices below {},{},{}", m[0], m[1], m[2]);
-        let given = format!("{},{},{}", texel[0], texel[1], texel[2]);
-        return Err(Error::argument("--replay-texel", given, expected, "the texture is smaller").into());
-    }
-    let pyramid = Pyramid::new(volume);
-    let selection = one_texel(layout, texel);
-    let bake = Bake::new(volume, &pyramid, layout, settings, &selection);
-    let output = bake_brick(&bake, texel.map(|t| t / BRICK))?;
-    let item = texel[0] + m[0] * (texel[1] + m[1] * texel[2]);
-    let found: Option<(Site, Vec<ReplayedPath>)> = with_samples!(volume.samples(), s => {
-        let field = LevelField::new(volume, s, &pyramid);
-        let site = field.site(layout.lattice.grid_from_texel(texel));
-        site.map(|site| (site, replay(&field, &site, item as u64, settings)))
-    });
-    let Some((site, paths)) = found else {
+pub(super) fn run(request: &Request<'_>, texel: [usize; 3], console: &Console) -> Outcome {
+    let (pyramid, selection) = (Pyramid::new(request.volume), Selection::empty(request.layout.lattice));
+    let bake = request.bake(&pyramid, &request.settings, &selection);
+    let Some(found) = replay_texel(&bake, texel)? else {
         console
             .print(format!("texel {texel:?} has no level set: its neighbourhood is constant or its gradient vanishes"));
         console.print_json(&json!({ "texel": texel, "valid": false }));
         return Ok(());
     };
-    let inner = texel.map(|t| t % BRICK);
-    let inner = inner[0] + BRICK * (inner[1] + BRICK * inner[2]);
-    let (coefficients, errors) = (layout.layers.coefficients(), layout.layers.errors());
-    let transfer: Vec<f32> =
-        output.bricks[0].transfer[inner * coefficients..][..coefficients].iter().map(|v| v.to_f32()).collect();
-    let stderr: Vec<f32> = output.bricks[0].stderr[inner * errors..][..errors].iter().map(|v| v.to_f32()).collect();
-    let isovalue = volume.value_from_raw(f64::from(site.isovalue));
+    let (site, geometry) = (&found.site, request.geometry);
+    let isovalue = request.volume.value_from_raw(f64::from(site.isovalue));
+    let groups: Vec<(String, Layers)> =
+        bake.groups().iter().map(|g| Ok((g.node(), g.layout(&request.layout)?.layers))).collect::<Outcome<_>>()?;
     if console.is_json() {
-        let paths: Vec<_> = paths.iter().map(path_json).collect();
-        console.print_json(&json!({
+        let paths: Vec<_> = found.paths.iter().map(|path| path_json(path, geometry)).collect();
+        let mut json = json!({
             "texel": texel, "valid": true, "clamped": site.clamped, "isovalue": isovalue,
             "normal_in_world": site.normal.vec().to_array(),
-            "bands": layout.layers.bands(), "transfer": transfer, "stderr": stderr, "paths": paths,
-        }));
+            "bands": request.layout.layers.bands(), "buried": found.estimates.is_empty(), "paths": paths,
+        });
+        if let [environment, others @ ..] = found.estimates.as_slice() {
+            (json["transfer"], json["stderr"]) = (json!(environment.transfer), json!(environment.stderr));
+            for ((name, _), estimate) in groups[1..].iter().zip(others) {
+                json["groups"][name] = json!({ "transfer": estimate.transfer, "stderr": estimate.stderr });
+            }
+        }
+        console.print_json(&json);
         return Ok(());
     }
     console.print(format!(
@@ -68,52 +52,91 @@ pub(super) fn run(
         if site.clamped { " (clamped)" } else { "" },
         site.normal.vec().to_array()
     ));
-    console.print("replicate path  ended     last direction in world        grid positions of texel and hits");
-    for path in &paths {
-        let d = path.last_direction_in_world;
-        let vertices: Vec<String> =
-            path.vertices_in_grid.iter().map(|v| format!("({:.3} {:.3} {:.3})", v[0], v[1], v[2])).collect();
-        console.print(format!(
-            "{:>9} {:>4}  {:<8}  {:>8.4} {:>8.4} {:>8.4}  {}",
-            path.replicate,
-            path.path,
-            path.ended,
-            d[0],
-            d[1],
-            d[2],
-            vertices.join(" → ")
-        ));
+    if found.estimates.is_empty() {
+        console.print("no light reaches it: it lies inside the solid of another volume");
     }
-    let ended = |how: &str| paths.iter().filter(|p| p.ended == how).count();
-    console.print(format!(
-        "{} paths: {} escaped, {} trapped, {} lost",
-        paths.len(),
-        ended("escaped"),
-        ended("trapped"),
-        ended("lost")
-    ));
-    for k in 0..layout.layers.len() {
-        let bands = layout.layers.bands()[k];
-        let layer = &transfer[layout.layers.offset(k)..][..bands * bands];
-        let errors = &stderr[layout.layers.error_offset(k)..][..bands];
-        let line = |values: &[f32]| values.iter().map(|v| format!("{v:.5}")).collect::<Vec<_>>().join(" ");
-        console.print(format!("T_{k}  {}\n  standard error by band  {}", line(layer), line(errors)));
+    console.print("replicate path  ended     last direction in world        grid positions of texel and hits");
+    found.paths.iter().for_each(|path| console.print(line(path, geometry)));
+    console.print(ends(&found.paths));
+    for ((name, layers), estimate) in groups.iter().zip(&found.estimates) {
+        console.print(estimate_lines(name, layers, estimate));
     }
     Ok(())
 }
 
-fn path_json(path: &ReplayedPath) -> serde_json::Value {
-    json!({
-        "replicate": path.replicate, "path": path.path, "ended": path.ended,
-        "vertices_in_grid": path.vertices_in_grid, "last_direction_in_world": path.last_direction_in_world,
-    })
+/// What a path turned on, where that is not its own level set.
+fn name_of(on: On, geometry: Option<&Geometry>) -> String {
+    match (on, geometry) {
+        (On::LevelSet(0), _) | (_, None) => String::new(),
+        (On::LevelSet(set), Some(geometry)) => {
+            geometry.partners().get(set - 1).map_or(String::new(), |partner| format!(" {}", partner.name))
+        }
+        (On::Wall(part), Some(_)) => format!(" wall {part}"),
+    }
 }
 
-/// The selection of the texels around one; a brick computes its texels independently, so that more do not matter.
-fn one_texel(layout: &Layout, texel: [usize; 3]) -> Selection {
-    let mut selection = Selection::empty(layout.lattice);
-    let grid = layout.lattice.grid_from_texel(texel);
-    let last = layout.lattice.grid().map(|n| n.saturating_sub(2));
-    selection.insert_cell(std::array::from_fn(|a| (grid[a] as usize).min(last[a])));
-    selection
+fn end_of(end: PathEnd, geometry: Option<&Geometry>) -> String {
+    match (end, geometry) {
+        (PathEnd::Luminaire(l), Some(geometry)) => {
+            geometry.luminaires().get(l).map_or_else(|| end.name().into(), |luminaire| luminaire.name.clone())
+        }
+        _ => end.name().into(),
+    }
+}
+
+fn line(path: &ReplayedPath, geometry: Option<&Geometry>) -> String {
+    let d = path.last_direction_in_world;
+    let vertex = |(v, &on): (&[f32; 3], &On)| format!("({:.3} {:.3} {:.3}{})", v[0], v[1], v[2], name_of(on, geometry));
+    let vertices: Vec<String> = path.vertices_in_grid.iter().zip(&path.on).map(vertex).collect();
+    format!(
+        "{:>9} {:>4}  {:<8}  {:>8.4} {:>8.4} {:>8.4}  {}",
+        path.replicate,
+        path.path,
+        end_of(path.ended, geometry),
+        d[0],
+        d[1],
+        d[2],
+        vertices.join(" → ")
+    )
+}
+
+/// How many paths ended how.
+fn ends(paths: &[ReplayedPath]) -> String {
+    let mut counts: Vec<(&str, usize)> = Vec::new();
+    for name in ["escaped", "trapped", "lost"].into_iter().chain(paths.iter().map(|p| p.ended.name())) {
+        if counts.iter().all(|(known, _)| *known != name) {
+            counts.push((name, paths.iter().filter(|p| p.ended.name() == name).count()));
+        }
+    }
+    let counts: Vec<String> = counts.iter().map(|(name, n)| format!("{n} {name}")).collect();
+    format!("{} paths: {}", paths.len(), counts.join(", "))
+}
+
+/// The coefficients of a group, layer by layer, channel by channel.
+fn estimate_lines(group: &str, layers: &Layers, estimate: &TexelEstimate) -> String {
+    let numbers = |values: &[f32]| values.iter().map(|v| format!("{v:.5}")).collect::<Vec<_>>().join(" ");
+    let (symbol, channels) = (if group == "env" { "T" } else { "G" }, layers.channels());
+    let mut lines = if channels == 1 { Vec::new() } else { vec![format!("{group}:")] };
+    for (k, &bands) in layers.bands().iter().enumerate() {
+        for c in 0..channels {
+            let first = layers.offset(k) + c * bands * bands;
+            let channel = if channels == 1 { String::new() } else { format!(" {}", ["red", "green", "blue"][c]) };
+            lines.push(format!("{symbol}_{k}{channel}  {}", numbers(&estimate.transfer[first..first + bands * bands])));
+        }
+        let errors = &estimate.stderr[layers.error_offset(k)..][..bands];
+        lines.push(format!("  standard error by band  {}", numbers(errors)));
+    }
+    lines.join("\n")
+}
+
+fn path_json(path: &ReplayedPath, geometry: Option<&Geometry>) -> Value {
+    let mut json = json!({
+        "replicate": path.replicate, "path": path.path, "ended": end_of(path.ended, geometry),
+        "vertices_in_grid": path.vertices_in_grid, "last_direction_in_world": path.last_direction_in_world,
+    });
+    if geometry.is_some() {
+        let names: Vec<String> = path.on.iter().map(|&on| name_of(on, geometry).trim().to_string()).collect();
+        json["turned_on"] = json!(names);
+    }
+    json
 }

@@ -1,11 +1,58 @@
 //! The paths of one texel again, one by one.
 
 use super::REPLICATES;
-use super::path::{Alive, PointsTaken, Settings, continuation};
+use super::bake::{Bake, estimates};
+use super::path::{Alive, PointsTaken, Settings, TexelEstimate, continuation};
+use super::scene_path::Among;
+use crate::error::{Error, Result};
 use crate::geom::Frame;
 use crate::level::{Counts, LevelField, Outcome, Site};
 use crate::sampling::{PathSampler, warp};
-use crate::volume::Sample;
+use crate::volume::{Sample, with_samples};
+
+/// What a path turned on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum On {
+    /// A level set: that of the volume, 0, or of partner n − 1 of its geometry.
+    LevelSet(usize),
+    /// A part of a wall, diffuse, mirror or glass.
+    Wall(u32),
+}
+
+/// How a path ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum PathEnd {
+    /// It left for the environment.
+    Escaped,
+    /// It was still travelling after the last stored layer.
+    Trapped,
+    /// At a hit without a normal before the last layer.
+    Lost,
+    /// On a cut through the solid at the border of a volume, or inside a solid.
+    Cut,
+    /// On a luminaire, by its place in the scene.
+    Luminaire(usize),
+    /// In a wall: it was black, or roulette ended the path.
+    Absorbed,
+    /// After the most turns, or the most mirrors and glass in a row.
+    TooLong,
+}
+
+impl PathEnd {
+    /// In a word.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Escaped => "escaped",
+            Self::Trapped => "trapped",
+            Self::Lost => "lost",
+            Self::Cut => "cut",
+            Self::Luminaire(_) => "luminaire",
+            Self::Absorbed => "absorbed",
+            Self::TooLong => "too long",
+        }
+    }
+}
 
 /// One path of a texel, step by step: for finding out why a texel is what it is.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,16 +61,67 @@ pub struct ReplayedPath {
     pub replicate: usize,
     /// Point set index.
     pub path: u32,
-    /// Grid positions of the texel and of the hits; one is repeated where a ray was lost.
+    /// Grid positions (of the baked volume) of the texel and of where the path turned; one is repeated where a ray was lost.
     pub vertices_in_grid: Vec<[f32; 3]>,
+    /// What it turned on, one entry a vertex; the first is the texel's own level set.
+    pub on: Vec<On>,
     /// World direction of the last ray.
     pub last_direction_in_world: [f32; 3],
-    /// "escaped", "trapped" (after the last stored layer), or "lost" (at a hit without a normal before
-    /// the last layer).
-    pub ended: &'static str,
+    /// How it ended.
+    pub ended: PathEnd,
 }
 
-/// Traces the paths of one texel again, from the same numbers, and reports each.
+impl ReplayedPath {
+    /// A path that starts at a texel.
+    pub(super) fn new(replicate: usize, path: u32, start_in_grid: [f32; 3]) -> Self {
+        Self {
+            replicate,
+            path,
+            vertices_in_grid: vec![start_in_grid],
+            on: vec![On::LevelSet(0)],
+            last_direction_in_world: [0.0; 3],
+            ended: PathEnd::Trapped,
+        }
+    }
+}
+
+/// A texel computed again.
+#[derive(Clone, Debug)]
+pub struct ReplayedTexel {
+    /// Its point on its level set.
+    pub site: Site,
+    /// Its estimates before rounding, one a group ([`Bake::groups`]); empty where it has no light, inside another volume.
+    pub estimates: Vec<TexelEstimate>,
+    /// Its paths.
+    pub paths: Vec<ReplayedPath>,
+}
+
+/// Computes one texel again as a bake does, and reports each of its paths; `None` where it has no level set.
+///
+/// # Errors
+/// As [`super::bake()`]; a texel outside the texture.
+pub fn replay_texel(bake: &Bake<'_>, texel: [usize; 3]) -> Result<Option<ReplayedTexel>> {
+    bake.check()?;
+    let m = bake.layout.lattice.texels();
+    if (0..3).any(|a| texel[a] >= m[a]) {
+        let expected = format!("indices below {},{},{}", m[0], m[1], m[2]);
+        let given = format!("{},{},{}", texel[0], texel[1], texel[2]);
+        return Err(Error::argument("texel", given, expected, "the texture is smaller"));
+    }
+    let estimates = estimates(bake, &[(texel, bake.settings.rays)])?.swap_remove(0).unwrap_or_default();
+    let item = (texel[0] + m[0] * (texel[1] + m[1] * texel[2])) as u64;
+    with_samples!(bake.volume.samples(), s => {
+        let field = LevelField::new(bake.volume, s, bake.pyramid);
+        let Some(site) = field.site(bake.layout.lattice.grid_from_texel(texel)) else { return Ok(None) };
+        let paths = match bake.geometry {
+            None => replay(&field, &site, item, bake.settings),
+            Some(geometry) => Among::new(bake, &field, geometry)?.replay(&site, item),
+        };
+        Ok(Some(ReplayedTexel { site, estimates, paths }))
+    })
+}
+
+/// Traces the paths of one texel of a volume alone again, from the same numbers, and reports each.
 ///
 /// With a target a texel may have got fewer paths than `settings.rays`: these are the first of each replicate.
 pub fn replay<T: Sample>(field: &LevelField<'_, T>, site: &Site, item: u64, settings: &Settings) -> Vec<ReplayedPath> {
@@ -33,13 +131,8 @@ pub fn replay<T: Sample>(field: &LevelField<'_, T>, site: &Site, item: u64, sett
     for replicate in 0..REPLICATES {
         let sampler = PathSampler::new(settings.seed, item, replicate as u32);
         let first_record = all.len();
-        all.extend((0..points as u32).map(|path| ReplayedPath {
-            replicate,
-            path,
-            vertices_in_grid: vec![site.start.at.in_grid().to_array()],
-            last_direction_in_world: [0.0; 3],
-            ended: "trapped",
-        }));
+        let start = site.start.at.in_grid().to_array();
+        all.extend((0..points as u32).map(|path| ReplayedPath::new(replicate, path, start)));
         // Bounce by bounce, because the points that a path takes depend on which paths are left.
         let mut taken = PointsTaken::default();
         let at_texel = Alive { point: 0, start: site.start, normal: site.normal };
@@ -57,10 +150,11 @@ pub fn replay<T: Sample>(field: &LevelField<'_, T>, site: &Site, item: u64, sett
                 match continuation(field, &path, outcome) {
                     Some(next) => {
                         record.vertices_in_grid.push(next.start.at.in_grid().to_array());
+                        record.on.push(On::LevelSet(0));
                         left.push((index, next));
                     }
-                    None if outcome == Outcome::Escaped => record.ended = "escaped",
-                    None if k + 1 < settings.layers.len() => record.ended = "lost",
+                    None if outcome == Outcome::Escaped => record.ended = PathEnd::Escaped,
+                    None if k + 1 < settings.layers.len() => record.ended = PathEnd::Lost,
                     None => {}
                 }
             }

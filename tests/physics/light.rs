@@ -11,7 +11,7 @@ use isolume::sh::{Window, basis};
 use isolume::surface::{Mesh, extract_with_normals};
 use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{BRICK, BRICK_TEXELS, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection};
-use isolume::transport::{Bake, Progress, Settings, bake, replay};
+use isolume::transport::{Bake, PathEnd, Progress, Settings, bake, replay};
 use isolume::volume::{Samples, Volume, field};
 
 /// A volume baked for one isovalue.
@@ -253,7 +253,7 @@ fn check_single_precision(scene: &Scene, light: &Light, name: &str) {
         let Some(site) = site else { continue };
         let mut transfer = vec![0.0f32; layers.coefficients()];
         for path in replay(&field, &site, item as u64, &scene.settings) {
-            if path.ended == "escaped" {
+            if path.ended == PathEnd::Escaped {
                 let k = path.vertices_in_grid.len() - 1;
                 let direction = [Vec3::from_array(path.last_direction_in_world)];
                 basis::accumulate(layers.bands()[k], &direction, &mut transfer[layers.offset(k)..]);

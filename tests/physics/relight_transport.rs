@@ -5,7 +5,7 @@ use glam::DVec3;
 use isolume::relight::{Contracted, Light, Material, contract};
 use isolume::sh::{self, Coefficients};
 use isolume::transfer::Lattice;
-use isolume::transport::{Settings, replay};
+use isolume::transport::{PathEnd, Settings, replay};
 use isolume::volume::Volume;
 use isolume::volume::field::{BumpBox, Gyroid, sample};
 
@@ -142,7 +142,7 @@ fn no_surface_outshines_the_sky() {
                 for path in replay(field, &site, common::item(&lattice, t), &settings) {
                     let [x, y, z] = path.last_direction_in_world;
                     assert!(((x * x + y * y + z * z) - 1.0).abs() < 1e-5);
-                    if path.ended == "escaped" && x + 2.0 * y - z > 0.3 {
+                    if path.ended == PathEnd::Escaped && x + 2.0 * y - z > 0.3 {
                         sum += 5.0 / f64::from(rays);
                     }
                 }
@@ -194,7 +194,7 @@ fn a_positive_bake_never_gives_negative_light() {
             let site = field.site(lattice.grid_from_texel(t)).unwrap();
             let mut sums = [0.0f32; 25];
             let paths = replay(field, &site, common::item(&lattice, t), &settings);
-            for path in paths.iter().filter(|p| p.ended == "escaped" && p.vertices_in_grid.len() == 1) {
+            for path in paths.iter().filter(|p| p.ended == PathEnd::Escaped && p.vertices_in_grid.len() == 1) {
                 sh::basis::accumulate(5, &[path.last_direction_in_world.into()], &mut sums);
             }
             for stream in 0..40 {

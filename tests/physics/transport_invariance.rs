@@ -6,7 +6,7 @@ use isolume::level::Pyramid;
 use isolume::sampling::statistics::{Running, sidak};
 use isolume::sh::{self, Coefficients, Rotation};
 use isolume::transfer::{Lattice, Layout, Selection};
-use isolume::transport::{Bake, Settings, Target, bake_brick, estimates, replay};
+use isolume::transport::{Bake, PathEnd, Settings, Target, bake_brick, estimates, replay};
 use isolume::volume::field::{BumpBox, Gyroid, sample};
 use isolume::volume::{Samples, Volume};
 
@@ -28,7 +28,7 @@ fn from_replay(volume: &Volume, texel: [usize; 3], settings: &Settings) -> Vec<f
         let site = field.site(lattice.grid_from_texel(texel)).expect("a texel with a level set");
         let paths = replay(field, &site, item(&lattice, texel), settings);
         assert_eq!(paths.len(), settings.rays as usize);
-        for path in paths.iter().filter(|p| p.ended == "escaped") {
+        for path in paths.iter().filter(|p| p.ended == PathEnd::Escaped) {
             let k = path.vertices_in_grid.len() - 1;
             let bands = layers.bands()[k];
             let mut values = vec![0.0; bands * bands];

@@ -11,9 +11,10 @@ use super::super::REPLICATES;
 use super::super::bake::Bake;
 use super::super::estimator::{Estimator, Fate};
 use super::super::path::{FIRST_POINTS, Settings, Target, TexelEstimate, expected_error, next_points};
+use super::super::replay::ReplayedPath;
 use super::super::summary::Summary;
 use super::super::sums::{combine, defend_degenerate, target_stderr, variance_of_mean};
-use super::estimate::{Found, trace};
+use super::estimate::{Found, Record, trace};
 use super::world::World;
 use crate::error::Result;
 use crate::level::{LevelField, Site};
@@ -76,6 +77,21 @@ impl<'a, T: Sample> Among<'a, T> {
             let luminaires = target.map_or(0.0, |target| self.variance_of_luminaires(target, found, paths));
             environment.target_stderr = (of_environment * of_environment + BY_LUCK * BY_LUCK * luminaires).sqrt();
         }
+    }
+
+    /// The paths of a site, step by step; none inside another volume.
+    pub(in super::super) fn replay(&self, site: &Site, item: u64) -> Vec<ReplayedPath> {
+        let isovalues = self.world.isovalues(site.isovalue);
+        if self.world.is_buried(&isovalues, self.world.on_level(0, site.start).in_world) {
+            return Vec::new();
+        }
+        let record = Record { grid_from_world: self.world.grid_from_world(), paths: Vec::new() };
+        let mut found = Found { record: Some(record), ..Found::default() };
+        found.reset(&self.settings.layers, self.world.geometry.luminaires().len());
+        let (mut level, mut counts) = (Default::default(), Default::default());
+        let (world, settings, all) = (&self.world, self.settings, 0..self.settings.points());
+        trace(world, site, &isovalues, item, all, settings, self.caustics, &mut found, &mut level, &mut counts);
+        found.record.map_or(Vec::new(), |record| record.paths)
     }
 
     /// Variance of Σ_l Σ_k w_lk G_k,l, the mean of the channels, from the spread of the replicates.

@@ -16,10 +16,11 @@
 
 use super::super::REPLICATES;
 use super::super::path::Settings;
+use super::super::replay::{On, PathEnd, ReplayedPath};
 use super::glass;
 use super::images::Images;
 use super::world::{Met, Origin, Place, SceneCounts, World};
-use crate::geom::{Frame, Normal};
+use crate::geom::{Affine, Frame, Normal};
 use crate::level::{CellPoint, Counts, Site, Start};
 use crate::sampling::{PathSampler, warp};
 use crate::scene::geometry::{Finish, WallHit};
@@ -48,6 +49,8 @@ pub(in super::super) struct Found {
     pub(super) groups: Vec<f64>,
     pub(super) lost: u32,
     pub(super) trapped: u32,
+    /// The paths step by step, where they are replayed.
+    pub(super) record: Option<Record>,
 }
 
 impl Found {
@@ -57,6 +60,45 @@ impl Found {
         self.groups.clear();
         self.groups.resize((1 + luminaires) * REPLICATES * 3 * layers.len(), 0.0);
         (self.lost, self.trapped) = (0, 0);
+    }
+}
+
+/// The paths of a texel, step by step.
+#[derive(Clone, Debug)]
+pub(super) struct Record {
+    pub(super) grid_from_world: Affine,
+    pub(super) paths: Vec<ReplayedPath>,
+}
+
+impl Found {
+    fn last(&mut self) -> Option<(&Affine, &mut ReplayedPath)> {
+        let record = self.record.as_mut()?;
+        Some((&record.grid_from_world, record.paths.last_mut()?))
+    }
+
+    fn began(&mut self, replicate: usize, path: u32, in_world: DVec3) {
+        let Some(record) = &mut self.record else { return };
+        let start = record.grid_from_world.point(in_world).as_vec3().to_array();
+        record.paths.push(ReplayedPath::new(replicate, path, start));
+    }
+
+    fn aimed(&mut self, direction: DVec3) {
+        if let Some((_, path)) = self.last() {
+            path.last_direction_in_world = direction.as_vec3().to_array();
+        }
+    }
+
+    fn turned(&mut self, on: On, in_world: DVec3) {
+        if let Some((grid_from_world, path)) = self.last() {
+            path.vertices_in_grid.push(grid_from_world.point(in_world).as_vec3().to_array());
+            path.on.push(on);
+        }
+    }
+
+    fn ended(&mut self, end: PathEnd) {
+        if let Some((_, path)) = self.last() {
+            path.ended = end;
+        }
     }
 }
 
@@ -111,6 +153,7 @@ pub(super) fn trace<T: Sample>(
                 weight: tint,
                 walls: 0,
             };
+            found.began(replicate, index, turn.origin.in_world);
             path.run(turn, found, level, counts);
         }
     }
@@ -135,6 +178,7 @@ impl<T: Sample> Path<'_, '_, T> {
             }
         }
         counts.lost_turns += 1;
+        found.ended(PathEnd::TooLong);
     }
 
     /// Adds to a layer of a group: 0 for emission, 1 + l for luminaire l.
@@ -187,17 +231,21 @@ impl<T: Sample> Path<'_, '_, T> {
         let mut density = Some(by_cosine);
         let mut origin = at.origin;
         for specular in 0..MOST_SPECULAR {
+            found.aimed(direction);
             match self.world.meet(self.isovalues, &origin, direction, level, counts) {
                 Met::Nothing => {
                     self.escape(direction.as_vec3(), found);
+                    found.ended(PathEnd::Escaped);
                     return None;
                 }
                 Met::Cut => {
                     counts.cut += 1;
+                    found.ended(PathEnd::Cut);
                     return None;
                 }
                 Met::Luminaire(hit) => {
                     counts.luminaire_hits += 1;
+                    found.ended(PathEnd::Luminaire(hit.luminaire));
                     let point = origin.in_world + hit.distance * direction;
                     let cosine = self.world.geometry.light_cosine(hit.luminaire, point, direction);
                     let share = self.share(density, hit.luminaire, &origin, hit.distance, cosine)?;
@@ -208,18 +256,24 @@ impl<T: Sample> Path<'_, '_, T> {
                     found.lost += 1;
                     let Place::Level(set, _) = origin.place else {
                         counts.cut += 1;
+                        found.ended(PathEnd::Cut);
                         return None;
                     };
+                    found.turned(On::LevelSet(set), origin.in_world);
                     return self.on_level_again(set, found).then_some(*at);
                 }
                 Met::Level(set, cell) => return self.at_level(set, cell, found),
                 Met::Wall(hit) => {
                     let point = origin.in_world + hit.distance * direction;
                     self.shine(&hit, density, &origin, direction, found);
+                    found.turned(On::Wall(hit.part), point);
                     match hit.finish {
                         Finish::Diffuse(albedo) => {
                             let next = self.at_wall(&hit, albedo, point, direction, turn);
                             counts.wall_hits += u64::from(next.is_some());
+                            if next.is_none() {
+                                found.ended(PathEnd::Absorbed);
+                            }
                             return next;
                         }
                         Finish::Mirror(share) => {
@@ -241,6 +295,7 @@ impl<T: Sample> Path<'_, '_, T> {
             }
         }
         counts.lost_specular += 1;
+        found.ended(PathEnd::TooLong);
         None
     }
 
@@ -286,15 +341,22 @@ impl<T: Sample> Path<'_, '_, T> {
         self.layer += 1;
         let goes_on = self.layer < self.settings.layers.len();
         found.trapped += u32::from(!goes_on);
+        if !goes_on {
+            found.ended(PathEnd::Trapped);
+        }
         goes_on
     }
 
     fn at_level(&mut self, set: usize, cell: CellPoint, found: &mut Found) -> Option<Turn> {
         let Some(normal) = self.world.normal(set, &cell) else {
             found.lost += 1;
+            found.ended(PathEnd::Lost);
             return None;
         };
         let start = Start::on(cell);
+        if found.record.is_some() {
+            found.turned(On::LevelSet(set), self.world.on_level(set, start).in_world);
+        }
         self.on_level_again(set, found).then(|| Turn { origin: self.world.on_level(set, start), normal })
     }
 

@@ -11,7 +11,7 @@
 
 use super::images;
 use super::level_set::{Along, PartnerSet, Placement, Standing};
-use crate::geom::Normal;
+use crate::geom::{Affine, Normal};
 use crate::level::{CellPoint, Counts, LevelField, Start};
 use crate::scene::geometry::{FlatMirror, Geometry, LightHit, Partner, WallHit};
 use crate::volume::{Sample, Volume, with_samples};
@@ -134,6 +134,11 @@ impl<'a, T: Sample> World<'a, T> {
             partners,
             mirrors: images::mirrors(geometry),
         }
+    }
+
+    /// Of the baked volume.
+    pub(super) fn grid_from_world(&self) -> Affine {
+        self.volume.world_from_grid().inverse()
     }
 
     /// The isovalues of a ray, from that of the volume in raw samples.
