@@ -8,7 +8,7 @@ mod program;
 use glam::{DMat3, DVec3};
 use isolume::geom::Bounds;
 use isolume::level::Pyramid;
-use isolume::relight::{Contracted, Light, LookupReport, LuminaireLight, Material, contract_scene};
+use isolume::relight::{Contracted, Light, LookupReport, LuminaireLight, Material, Textures, contract};
 use isolume::sampling::statistics::{Running, normal_two_sided, rms, sidak};
 use isolume::scene::geometry::{Among, Finish, Geometry, Luminaire, LuminaireShape, Partner, Shape, Wall};
 use isolume::scene::{Coupled, Coupling};
@@ -120,7 +120,8 @@ impl Baked {
             .map(|(texture, &e)| LuminaireLight { texture, factor: [f64::from(e).exp2(); 3] })
             .collect();
         let bricks = self.selection.bricks();
-        contract_scene(&self.textures[0], &self.textures[1], &luminaires, &bricks, light, material).expect("textures")
+        let textures = Textures::of_scene(&self.textures[0], &self.textures[1], &luminaires).expect("textures");
+        contract(&textures, &bricks, light, material).expect("in memory")
     }
 }
 
@@ -496,7 +497,6 @@ fn a_pair_is_baked_into_one_store_and_lit_together() {
         ("relight pair.isolume --env sky -o x.glb --isovalue 48", "bumps=48, which has no partner in gyroid"),
         ("relight pair.isolume --env sky -o x.glb --isovalue gyrod=0.6", "did you mean gyroid?"),
         ("relight pair.isolume --env sky -o x.glb --isovalue 47 --volume gyrod", "one of bumps, gyroid"),
-        ("relight pair.isolume --env sky -o x.glb --isovalue 47 --transfer", "--volume NAME"),
         ("relight pair.toml --cache c -o x.glb --isovalue 50", "bumps=50, which has no partner"),
         ("relight bumpbox:12 --cache c --env sky -o x.glb --isovalue bumps=47", "one volume alone"),
         ("relight bumpbox:12 --cache c --env sky -o x.glb --isovalue 47 --volume bumps", "one volume alone"),

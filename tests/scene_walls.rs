@@ -3,7 +3,7 @@
 use glam::DVec3;
 use isolume::geom::Bounds;
 use isolume::level::Pyramid;
-use isolume::relight::{Contracted, Light, LookupReport, LuminaireLight, Material, contract_scene};
+use isolume::relight::{Contracted, Light, LookupReport, LuminaireLight, Material, Textures, contract};
 use isolume::sampling::statistics::{Running, normal_two_sided, sidak};
 use isolume::scene::geometry::{Finish, Geometry, Luminaire, LuminaireShape, Shape, Wall};
 use isolume::transfer::{BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection};
@@ -84,7 +84,8 @@ impl Baked {
             })
             .collect();
         let bricks = self.selection.bricks();
-        contract_scene(&self.textures[0], &self.textures[1], &luminaires, &bricks, light, material).expect("textures")
+        let textures = Textures::of_scene(&self.textures[0], &self.textures[1], &luminaires).expect("textures");
+        contract(&textures, &bricks, light, material).expect("in memory")
     }
 
     /// Radiance of a texel.
