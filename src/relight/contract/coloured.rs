@@ -205,3 +205,6 @@ impl<'a> Kernel<'a> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests;
