@@ -30,7 +30,8 @@ pub struct Contracted {
 /// Standard error σ of the contracted radiance (mean of the channels), from the stored standard errors: paths that by
 /// chance end elsewhere trade what they bring from one direction for what the others bring in the mean,
 /// σ² = Σ_k v_k E_k[(G_k − C)²], derived in `relight/noise.rs`. Half of a 95 % interval of the radiance of a texel is
-/// σ times [`half_interval_95`](crate::sampling::statistics::half_interval_95) of the bands of layer 0.
+/// σ times [`half_interval_95`](crate::sampling::statistics::half_interval_95) of the bands of layer 0; in a scene that
+/// luminaires light, of one band: what their textures store is the spread of four replicates of a single number.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Noise {
     /// Root mean square of σ over the texels.
