@@ -5,7 +5,7 @@
 use glam::DVec3;
 use isolume::geom::Bounds;
 use isolume::level::Pyramid;
-use isolume::relight::{Light, Material, contract};
+use isolume::relight::{Light, Material, Textures, contract};
 use isolume::surface::extract;
 use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{BRICK, CHUNK, Lattice, Layers, Layout, MemoryTexture};
@@ -52,7 +52,7 @@ fn main() -> isolume::Result<()> {
     // Under light from everywhere a convex surface would be as bright as its albedo.
     let (mesh, light, material) =
         (extract(&volume, isovalue)?, Light::constant([1.0; 3]), Material::new([0.7; 3], [0.0; 3])?);
-    let contracted = contract(&texture, &selection.bricks(), &light, &material)?;
+    let contracted = contract(&Textures::of_volume(&texture)?, &selection.bricks(), &light, &material)?;
     let lit = contracted.look_up(&mesh.positions_in_grid, &mesh.normals, &light, &material);
     let darkest = lit.radiance.iter().map(|c| c[0]).fold(f32::INFINITY, f32::min);
     println!("{} vertices, radiance from {darkest:.3} in the crease to 0.7", lit.radiance.len());

@@ -5,7 +5,7 @@
 
 use isolume::export::{ExportMesh, Positions, atomic, gltf};
 use isolume::probe::{Orientation, by_name};
-use isolume::relight::{Exposure, Light, Material, contract};
+use isolume::relight::{Exposure, Light, Material, Textures, contract};
 use isolume::surface::extract;
 use isolume::transfer::store::Store;
 use isolume::transfer::texels_of_isosurface;
@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let light = Light::new(rgb.collect())?;
         let material = Material::new([0.7, 0.6, 0.5], [0.0; 3])?;
 
-        let contracted = contract(&store, &bricks, &light, &material)?;
+        let contracted = contract(&Textures::of_volume(&store)?, &bricks, &light, &material)?;
         let lit = contracted.look_up(&mesh.positions_in_grid, &mesh.normals, &light, &material);
         let colours = Exposure::apply(Exposure::Percentile.factor(&lit.radiance), &lit.radiance);
 

@@ -20,12 +20,7 @@ export function readGlb(bytes) {
   const mesh = json.meshes[0], { attributes, indices } = mesh.primitives[0];
   const node = json.nodes.find((n) => n.mesh === 0);
   const transfer = mesh.extras?.isolume_transfer ?? null;
-  const planes = [];
-  transfer?.bands.forEach((bands, k) => {
-    for (let l = 0; l < bands; l++) {
-      for (let n = 0; n <= 2 * l; n++) planes.push(numbers(attributes[`_T${k}_SH_DEGREE_${l}_COEF_${n}`]));
-    }
-  });
+  const planes = transfer === null ? [] : planeNames(transfer).map((name) => numbers(attributes[name]));
   return {
     positions: numbers(attributes.POSITION),
     colours: numbers(attributes.COLOR_0),
@@ -37,6 +32,21 @@ export function readGlb(bytes) {
   };
 }
 
+/**
+ * The attributes in the order of the planes: layers, in a scene red, green and blue of each, degrees, orders; then, in a
+ * scene, one number a layer and channel of the emission and of each luminaire.
+ */
+export function planeNames({ bands, channels, luminaires }) {
+  const names = [], colours = channels === 3 ? ["_R", "_G", "_B"] : [""];
+  bands.forEach((b, k) => {
+    for (const c of colours) for (let l = 0; l < b; l++) for (let n = 0; n <= 2 * l; n++) names.push(`_T${k}${c}_SH_DEGREE_${l}_COEF_${n}`);
+  });
+  if (channels !== 3) return names;
+  bands.forEach((_, k) => names.push(...colours.map((c) => `_G${k}_EMISSION${c}`)));
+  luminaires.forEach((_, i) => bands.forEach((_, k) => names.push(...colours.map((c) => `_LUMINAIRE_${i}_G${k}${c}`))));
+  return names;
+}
+
 /** Row-major. */
 function matrixFromQuaternion([x, y, z, w]) {
   return [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)];
@@ -44,9 +54,12 @@ function matrixFromQuaternion([x, y, z, w]) {
 
 /**
  * Linear radiance of each vertex, Σ_k ρ^(k+1) ⟨T_k, L⟩ and the tail beyond the last layer. `light`: coefficients in
- * world, red, green and blue side by side; `withTail` false leaves out what comes beyond the last layer.
+ * world, red, green and blue side by side; `withTail` false leaves out what comes beyond the last layer. In a scene its
+ * luminaires shine too, by the factors that the file names, and the surface itself, as the file says.
  */
-export function relight({ positions, planes, transfer }, light, albedo, withTail = true) {
+export function relight(model, light, albedo, withTail = true) {
+  if (model.transfer.channels === 3) return relightScene(model, light, albedo, withTail);
+  const { positions, planes, transfer } = model;
   const count = positions.length / 3, { bands } = transfer, last = bands.length - 1;
   const radiance = new Float32Array(3 * count), layer = new Float32Array(3 * count);
   const escapes = [];
@@ -68,6 +81,36 @@ export function relight({ positions, planes, transfer }, light, albedo, withTail
     if (!(before > 0 && final > 0)) continue;
     const ratio = Math.min(final / before, survival / (survival + final));
     for (let c = 0; c < 3; c++) radiance[3 * v + c] += (layer[3 * v + c] * albedo[c] * ratio) / (1 - albedo[c] * ratio);
+  }
+  return radiance;
+}
+
+/** Σ_k ρ^(k+1) (⟨T_k, L⟩ + e E_k + Σ_i s_i G_k,i) + e and the tail, channel by channel. */
+function relightScene({ positions, planes, transfer }, light, albedo, withTail) {
+  const count = positions.length / 3, { bands, luminaires, emission } = transfer, layers = bands.length;
+  const coefficients = bands.reduce((sum, b) => sum + 3 * b * b, 0);
+  // Of emission (0) and luminaires (1 + i).
+  const group = (g, k, c) => planes[coefficients + 3 * (g * layers + k) + c];
+  const factors = [emission, ...luminaires.map((l) => l.factor)];
+  const radiance = new Float32Array(3 * count), brought = new Float32Array(count);
+  for (let c = 0; c < 3; c++) {
+    let first = 0;
+    for (let v = 0; v < count; v++) radiance[3 * v + c] = emission[c];
+    bands.forEach((b, k) => {
+      const power = albedo[c] ** (k + 1);
+      const add = (plane, weight) => { for (let v = 0; v < count; v++) brought[v] += weight * plane[v]; };
+      brought.fill(0);
+      for (let i = 0; i < b * b; i++) add(planes[first + c * b * b + i], power * light[3 * i + c]);
+      factors.forEach((factor, g) => add(group(g, k, c), power * factor[c]));
+      for (let v = 0; v < count; v++) radiance[3 * v + c] += brought[v];
+      first += 3 * b * b;
+    });
+    if (layers === 1 || !withTail) continue;
+    const [before, last] = [group(0, layers - 2, c), group(0, layers - 1, c)];
+    for (let v = 0; v < count; v++) {
+      const x = before[v] > 0 ? albedo[c] * Math.min(1, last[v] / before[v]) : 0;
+      if (x < 1) radiance[3 * v + c] += (brought[v] * x) / (1 - x);
+    }
   }
   return radiance;
 }

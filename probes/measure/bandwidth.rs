@@ -10,7 +10,7 @@
 //! is the same ratio in processor time. `volumes` writes what `flying_edges.py` reads.
 
 use cpu_time::ProcessTime;
-use isolume::relight::{Light, Material, contract};
+use isolume::relight::{Light, Material, Textures, contract};
 use isolume::surface::{extract, extract_without_normals};
 use isolume::transfer::store::Store;
 use isolume::transfer::texels_of_isosurface;
@@ -110,8 +110,8 @@ fn contraction(path: &Path, isovalue: f64, repetitions: usize) -> Outcome {
                     copy.par_chunks_mut(TASK).zip(words.par_chunks(TASK)).for_each(|(a, b)| a.copy_from_slice(b))
                 });
                 times[2].of(|| read_in_place(&texture, &bricks, [n, e]))?;
-                times[3].of(|| contract(&texture, &bricks, &light, &material).map(drop))?;
-                times[4].of(|| contract(&store, &bricks, &light, &material).map(drop))?;
+                times[3].of(|| contract(&Textures::of_volume(&texture)?, &bricks, &light, &material).map(drop))?;
+                times[4].of(|| contract(&Textures::of_volume(&store)?, &bricks, &light, &material).map(drop))?;
                 Ok(())
             })?;
         }

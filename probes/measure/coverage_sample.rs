@@ -6,7 +6,7 @@
 use isolume::Result;
 use isolume::level::Pyramid;
 use isolume::probe::{self, Orientation};
-use isolume::relight::{Light, Material, contract};
+use isolume::relight::{Light, Material, Textures, contract};
 use isolume::sampling::hash::uniform;
 use isolume::sampling::statistics::half_interval_95;
 use isolume::transfer::{BRICK, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, validity};
@@ -146,7 +146,8 @@ impl Subject {
         let mut numbers = vec![Estimate { value, stderr, uncorrelated: stderr }];
         let material = Material::new([ALBEDO; 3], [0.0; 3]).expect("a legal albedo");
         for light in lights {
-            let lit = contract(&texture, &place.selection.bricks(), light, &material).expect("in memory");
+            let textures = Textures::of_volume(&texture).expect("grey");
+            let lit = contract(&textures, &place.selection.bricks(), light, &material).expect("in memory");
             let rgb =
                 lit.radiance_at(place.position_in_grid, [0.0, 0.0, 1.0], light, &material, &mut Default::default());
             numbers.push(Estimate {

@@ -10,7 +10,7 @@ use glam::DVec3;
 use isolume::export::{Image, png};
 use isolume::geom::Up;
 use isolume::level::{LevelField, Outcome, Pyramid, Start};
-use isolume::relight::{Contracted, Exposure, Light, LookupReport, LuminaireLight, Material, contract_scene};
+use isolume::relight::{Contracted, Exposure, Light, LookupReport, LuminaireLight, Material, Textures, contract};
 use isolume::render::{Camera, Projection, View};
 use isolume::scene::SceneDescription;
 use isolume::scene::geometry::Geometry;
@@ -208,7 +208,8 @@ impl Baked {
         let bricks = isolume::transfer::texels_of_isosurface(volume, self.lattice, isovalue).bricks();
         let material = Material::new([ALBEDO; 3], [0.0; 3])?;
         let dark = Light::constant([0.0; 3]);
-        contract_scene(&self.textures[0], &self.textures[1], &luminaires, &bricks, &dark, &material)
+        let textures = Textures::of_scene(&self.textures[0], &self.textures[1], &luminaires)?;
+        contract(&textures, &bricks, &dark, &material)
     }
 }
 

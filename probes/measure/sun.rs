@@ -12,7 +12,7 @@ use glam::Vec3;
 use isolume::geom::{Frame, Normal};
 use isolume::level::{Counts, LevelField, Outcome, Pyramid, Start};
 use isolume::probe::{self, LatLong, Orientation, Probe, SunOptions, split_sun};
-use isolume::relight::{Light, Material, contract, prepare};
+use isolume::relight::{Light, Material, Textures, contract, prepare};
 use isolume::render::{SunLight, sun_visibility};
 use isolume::sampling::{DirectionalSource, PathSampler, warp};
 use isolume::sh::Window;
@@ -87,7 +87,7 @@ impl Scene {
 
     fn relit(&self, texture: &MemoryTexture, light: &Light, suns: &[SunLight]) -> isolume::Result<Vec<f64>> {
         let material = Material::new([ALBEDO; 3], [0.0; 3])?;
-        let contracted = contract(texture, &self.selection.bricks(), light, &material)?;
+        let contracted = contract(&Textures::of_volume(texture)?, &self.selection.bricks(), light, &material)?;
         let mut lit = contracted.look_up(&self.mesh.positions_in_grid, &self.mesh.normals, light, &material);
         for sun in suns {
             let (positions, normals) = (&self.mesh.positions_in_grid, &self.mesh.normals);

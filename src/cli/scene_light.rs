@@ -2,10 +2,10 @@
 
 use super::light::Lighting;
 use super::{Outcome, text};
-use crate::error::Error;
-use crate::relight::{Contracted, LuminaireLight, Material, contract, contract_scene};
-use crate::transfer::Group;
+use crate::error::{Error, Result};
+use crate::relight::{Contracted, LuminaireLight, Material, Textures, contract};
 use crate::transfer::store::Store;
+use crate::transfer::{Group, Layers};
 
 /// A factor on the power of a luminaire.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,7 +20,7 @@ pub(super) fn factor_of(name: &str, factors: &[Factor]) -> [f64; 3] {
 }
 
 /// Reads NAME=FACTOR or NAME=R,G,B.
-pub(super) fn parse_factor(argument: &str) -> Result<Factor, String> {
+pub(super) fn parse_factor(argument: &str) -> std::result::Result<Factor, String> {
     let expected = "give the name of a luminaire and a factor, such as ceiling=2 or ceiling=1,0.8,0.6";
     let (name, numbers) = argument.split_once('=').ok_or(expected)?;
     let numbers: Option<Vec<f64>> = numbers.split(',').map(|n| n.trim().parse().ok()).collect();
@@ -33,6 +33,52 @@ pub(super) fn parse_factor(argument: &str) -> Result<Factor, String> {
         return Err("factors are finite and not negative; 0 switches a luminaire off".into());
     }
     Ok(Factor { name: name.into(), factor })
+}
+
+/// The textures of a store that are lit together, opened.
+pub(super) struct Groups<'a> {
+    store: &'a Store,
+    // Of emission, and of the luminaires.
+    others: Option<(Store, Vec<Luminaire>)>,
+}
+
+/// A luminaire's texture, and the factor on what it holds.
+struct Luminaire {
+    name: String,
+    texture: Store,
+    factor: [f64; 3],
+}
+
+impl<'a> Groups<'a> {
+    /// Opens the groups of a store, for luminaires of some factors.
+    pub(super) fn open(store: &'a Store, factors: &[Factor]) -> Result<Self> {
+        let Some(scene) = &store.identity().scene else { return Ok(Self { store, others: None }) };
+        let luminaires = scene.luminaires.iter().zip(&scene.exponents).map(|(name, exponent)| {
+            let stored = libm::ldexp(1.0, *exponent);
+            let texture = store.group(&Group::Luminaire(name.clone()))?;
+            Ok(Luminaire { name: name.clone(), texture, factor: factor_of(name, factors).map(|f| f * stored) })
+        });
+        let luminaires = luminaires.collect::<Result<_>>()?;
+        Ok(Self { store, others: Some((store.group(&Group::Emission)?, luminaires)) })
+    }
+
+    /// All of them.
+    pub(super) fn textures(&self) -> Result<Textures<'_>> {
+        let Some((emission, luminaires)) = &self.others else { return Textures::of_volume(self.store) };
+        let luminaires = luminaires.iter().map(|l| LuminaireLight { texture: &l.texture, factor: l.factor });
+        Textures::of_scene(self.store, emission, &luminaires.collect::<Vec<_>>())
+    }
+
+    /// Layers of the environment's texture.
+    pub(super) fn layers(&self) -> &'a Layers {
+        &self.store.layout().layers
+    }
+
+    /// The luminaires by name, each with the factor on what its texture holds.
+    pub(super) fn factors(&self) -> impl Iterator<Item = (&str, [f64; 3])> {
+        let luminaires = self.others.iter().flat_map(|(_, luminaires)| luminaires);
+        luminaires.map(|l| (l.name.as_str(), l.factor))
+    }
 }
 
 /// The radiance of the texels of some bricks under an environment, and under the luminaires of a scene.
@@ -53,22 +99,10 @@ pub(super) fn contracted(
         let expected = if names.is_empty() { "a scene with luminaires".into() } else { names.join(", ") };
         return Err(Error::argument("--luminaire", &unknown.name, expected, remedy).into());
     }
-    let Some(scene) = &store.identity().scene else { return Ok(contract(store, bricks, light, material)?) };
-    if !lighting.suns.is_empty() {
+    if store.identity().scene.is_some() && !lighting.suns.is_empty() {
         let expected = "an environment whose lamps stay in it";
         let remedy = "leave it out: rays of a sun that is lit apart do not know the walls of a scene";
         return Err(Error::argument("--sun-split", "a scene with walls or luminaires", expected, remedy).into());
     }
-    let emission = store.group(&Group::Emission)?;
-    let of_luminaires =
-        names.iter().map(|name| store.group(&Group::Luminaire(name.clone()))).collect::<Result<Vec<Store>, Error>>()?;
-    let luminaires: Vec<LuminaireLight<'_>> = of_luminaires
-        .iter()
-        .zip(names.iter().zip(&scene.exponents))
-        .map(|(texture, (name, exponent))| {
-            let stored = libm::ldexp(1.0, *exponent);
-            LuminaireLight { texture, factor: factor_of(name, factors).map(|f| f * stored) }
-        })
-        .collect();
-    Ok(contract_scene(store, &emission, &luminaires, bricks, light, material)?)
+    Ok(contract(&Groups::open(store, factors)?.textures()?, bricks, light, material)?)
 }

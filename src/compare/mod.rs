@@ -24,7 +24,7 @@ pub use photon::{PhotonComparison, PhotonQuestion, compare_photons};
 use crate::error::{Error, Result};
 use crate::geom::Direction;
 use crate::level::Pyramid;
-use crate::relight::{Light, LookupReport, Material, contract};
+use crate::relight::{Light, LookupReport, Material, Textures, contract};
 use crate::sampling::{DirectionSample, DirectionalSource};
 use crate::sh::{self, Coefficients};
 use crate::transfer::BrickSource;
@@ -189,7 +189,7 @@ pub fn by_store(q: &Question<'_>) -> Result<(Vec<[f64; 3]>, LookupReport)> {
     let light = Light::from_channels(q.coefficients)?;
     let material = Material::new(q.albedo, [0.0; 3])?;
     let bricks = texels_of_isosurface(q.volume, q.texture.layout().lattice, q.isovalue).bricks();
-    let contracted = contract(q.texture, &bricks, &light, &material)?;
+    let contracted = contract(&Textures::of_volume(q.texture)?, &bricks, &light, &material)?;
     let positions: Vec<[f32; 3]> = q.points.iter().map(|p| p.position_in_grid).collect();
     let normals: Vec<[f32; 3]> = q.points.iter().map(|p| p.normal).collect();
     let lit = contracted.look_up(&positions, &normals, &light, &material);

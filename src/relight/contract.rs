@@ -1,12 +1,16 @@
 //! Contraction: the dot product of every touched texel's transfer with the light.
 
-mod brick;
+mod coloured;
+mod grey;
+mod textures;
 
-use self::brick::{BrickJob, BrickTotals, Opened, Room, contract_brick};
+pub(super) use self::textures::Surroundings;
+pub use self::textures::{LuminaireLight, Textures};
+
 use super::noise::NoiseWeights;
 use super::{Light, Material};
-use crate::error::{Error, Result};
-use crate::transfer::{BRICK, BRICK_TEXELS, BrickSource, Lattice, Layers};
+use crate::error::Result;
+use crate::transfer::{BRICK, BRICK_TEXELS, BrickView, Lattice, Layers, validity};
 use glam::Vec4;
 use rayon::prelude::*;
 
@@ -26,7 +30,8 @@ pub struct Contracted {
 /// Standard error σ of the contracted radiance (mean of the channels), from the stored standard errors: paths that by
 /// chance end elsewhere trade what they bring from one direction for what the others bring in the mean,
 /// σ² = Σ_k v_k E_k[(G_k − C)²], derived in `relight/noise.rs`. Half of a 95 % interval of the radiance of a texel is
-/// σ times [`half_interval_95`](crate::sampling::statistics::half_interval_95) of the bands of layer 0.
+/// σ times [`half_interval_95`](crate::sampling::statistics::half_interval_95) of the bands of layer 0; in a scene that
+/// luminaires light, of one band: what their textures store is the spread of four replicates of a single number.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Noise {
     /// Root mean square of σ over the texels.
@@ -44,7 +49,7 @@ impl Noise {
     }
 }
 
-pub(super) const NO_BRICK: u32 = u32::MAX;
+const NO_BRICK: u32 = u32::MAX;
 
 /// In place of the standard error: the texel has no level set.
 pub(super) const NO_LEVEL_SET: f32 = -1.0;
@@ -93,27 +98,101 @@ impl Weights {
     }
 }
 
+/// What one brick gave.
+#[derive(Clone, Copy, Default)]
+struct BrickTotals {
+    variance: f64,
+    // Of the three channels.
+    radiance: f64,
+    texels: u64,
+    left_out: f32,
+}
+
+/// A brick and its valid texels.
+struct Opened<'a> {
+    // `None` where nothing is baked.
+    view: Option<BrickView<'a>>,
+    valid: [u16; BRICK_TEXELS],
+    // Of `valid`, the first so many.
+    count: usize,
+}
+
+impl<'a> Opened<'a> {
+    fn new(view: Option<BrickView<'a>>) -> Self {
+        let (mut valid, mut count) = ([0; BRICK_TEXELS], 0);
+        for (t, flags) in view.iter().flat_map(|view| view.validity).enumerate() {
+            // No branch: written in any case, and over if it does not count.
+            valid[count] = t as u16;
+            count += usize::from(flags & validity::VALID == validity::VALID);
+        }
+        Self { view, valid, count }
+    }
+
+    fn valid(&self) -> &[u16] {
+        &self.valid[..self.count]
+    }
+
+    /// Marks the texels of the brick, of `errors` standard errors each, that have no radiance.
+    #[inline(always)]
+    fn mark_others(&self, view: &BrickView<'_>, errors: usize, out: &mut [[f32; 4]; BRICK_TEXELS]) {
+        let mut begin = 0;
+        for end in self.valid().iter().map(|&t| usize::from(t)).chain([BRICK_TEXELS]) {
+            for t in begin..end {
+                // Both are NaN where nothing is baked; of the errors fewer lines are to be fetched, and no others than
+                // those of valid texels beside it.
+                let baked = !view.stderr[t * errors].is_nan();
+                out[t] = [0.0, 0.0, 0.0, if baked { NO_LEVEL_SET } else { UNBAKED }];
+            }
+            begin = end + 1;
+        }
+    }
+}
+
 /// Bricks that one task contracts at most: what a thread has begun no other can take over.
 const TASK: usize = 32;
 
-/// Multiplies the transfer of `bricks` (ascending, as [`crate::transfer::Selection::bricks`] gives them) with a light.
+/// Multiplies the transfer of `bricks` (ascending, as [`crate::transfer::Selection::bricks`] gives them) with a light:
+/// Σ_k ρ^(k+1) ⟨T_k, L⟩, with the tail and the emission of [`Tail`](super::Tail).
+///
+/// In a scene each luminaire l adds Σ_k ρ^(k+1) s_l G_k,l, and the emission Le of the level set 1 + Σ_k ρ^(k+1) G_k of its
+/// own group. Layers beyond the last one K are taken to fall as the chance to meet the level set again does,
+/// r = G_K/G_(K−1) of the group of emission (at most 1): what the last layer brings is repeated ρ r/(1 − ρ r) times. Where
+/// ρ r = 1 there is no end and no tail. A single layer has none.
 ///
 /// # Errors
-/// Those of the source; a texture in three channels, which belongs to a scene ([`super::contract_scene`]).
+/// Those of the sources.
 pub fn contract(
-    source: &dyn BrickSource,
+    textures: &Textures<'_>,
     bricks: &[[usize; 3]],
     light: &Light,
     material: &Material,
 ) -> Result<Contracted> {
-    let layout = source.layout();
-    if layout.layers.channels() != 1 {
-        let expected = "the grey transfer of a volume alone";
-        let remedy = "use isolume relight, which knows walls and luminaires";
-        return Err(Error::argument("texture", "the coloured transfer of a scene", expected, remedy));
+    let layers = &textures.layout().layers;
+    let weights = Weights::new(&layers.clone().grey(), light, material);
+    match &textures.surroundings {
+        None => {
+            let kernel = grey::Kernel { source: textures.environment, bricks, weights };
+            let thread = || grey::Thread::new(layers);
+            each_brick(textures, bricks, thread, |thread, slot, out| kernel.contract(thread, slot, out))
+        }
+        Some(surroundings) => {
+            let kernel = coloured::Kernel::new(textures.environment, surroundings, weights, material);
+            let room = || coloured::Room::new(layers);
+            each_brick(textures, bricks, room, |room, slot, out| kernel.contract(room, bricks[slot], out))
+        }
     }
-    let (layers, weights) = (&layout.layers, Weights::new(&layout.layers, light, material));
-    let [bx, by, bz] = layout.lattice.bricks();
+}
+
+/// Runs a kernel on every brick, with what a thread works with, the place of the brick among `bricks`, and where its
+/// radiance goes.
+fn each_brick<T>(
+    textures: &Textures<'_>,
+    bricks: &[[usize; 3]],
+    thread: impl Fn() -> T + Send + Sync,
+    kernel: impl Fn(&mut T, usize, &mut [[f32; 4]; BRICK_TEXELS]) -> Result<BrickTotals> + Send + Sync,
+) -> Result<Contracted> {
+    let lattice = textures.layout().lattice;
+    let [bx, by, bz] = lattice.bricks();
     let mut slots = vec![NO_BRICK; bx * by * bz];
     for (slot, b) in bricks.iter().enumerate() {
         slots[b[0] + bx * (b[1] + by * b[2])] = slot as u32;
@@ -122,14 +201,11 @@ pub fn contract(
     (0..bricks.len())
         .into_par_iter()
         .with_max_len(TASK)
-        .map_init(
-            || Thread { room: Room::new(layers), ahead: None },
-            |thread, slot| {
-                let mut out = [[0.0; 4]; BRICK_TEXELS];
-                let totals = thread.contract(source, bricks, slot, &weights, &mut out);
-                (out, totals)
-            },
-        )
+        .map_init(thread, |thread, slot| {
+            let mut out = [[0.0; 4]; BRICK_TEXELS];
+            let totals = kernel(thread, slot, &mut out);
+            (out, totals)
+        })
         .unzip_into_vecs(&mut radiance, &mut totals);
     let mut sum = BrickTotals::default();
     for t in totals {
@@ -141,36 +217,7 @@ pub fn contract(
     }
     let n = sum.texels.max(1) as f64;
     let noise = Noise { rms: (sum.variance / n).sqrt(), mean_radiance: sum.radiance / (3.0 * n), texels: sum.texels };
-    Ok(Contracted { lattice: layout.lattice, slots, radiance, noise, emission_remainder: sum.left_out })
-}
-
-/// What a thread works with.
-struct Thread<'a> {
-    room: Room,
-    // The brick of a slot, opened before it is its turn, so that its memory is asked for in time.
-    ahead: Option<(usize, Opened<'a>)>,
-}
-
-impl<'a> Thread<'a> {
-    fn contract(
-        &mut self,
-        source: &'a dyn BrickSource,
-        bricks: &[[usize; 3]],
-        slot: usize,
-        weights: &Weights,
-        out: &mut [[f32; 4]; BRICK_TEXELS],
-    ) -> Result<BrickTotals> {
-        let open = |slot: usize| source.brick(bricks[slot]).map(Opened::new);
-        let brick = match self.ahead.take() {
-            Some((of, opened)) if of == slot => opened,
-            _ => open(slot)?,
-        };
-        if slot + 1 < bricks.len() {
-            self.ahead = Some((slot + 1, open(slot + 1)?));
-        }
-        let next = self.ahead.as_ref().map(|(_, opened)| opened);
-        Ok(contract_brick(BrickJob { brick, next, weights, out, room: &mut self.room }))
-    }
+    Ok(Contracted { lattice, slots, radiance, noise, emission_remainder: sum.left_out })
 }
 
 impl Contracted {

@@ -17,7 +17,6 @@ mod interpolate;
 mod light;
 mod lookup;
 mod noise;
-mod scene;
 mod tail;
 mod window;
 
@@ -27,12 +26,11 @@ mod tests;
 mod twin;
 
 pub use clamp::ClampReport;
-pub use contract::{Contracted, Noise, contract};
+pub use contract::{Contracted, LuminaireLight, Noise, Textures, contract};
 pub use exposure::Exposure;
 pub use interpolate::{VertexTransfer, look_up_transfer};
 pub use light::Light;
 pub use lookup::{LookupReport, SurfaceError, VertexRadiance};
-pub use scene::{LuminaireLight, contract_scene};
 pub use tail::Tail;
 pub use window::{LayerWindow, Prepared, prepare};
 

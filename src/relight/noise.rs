@@ -20,6 +20,20 @@
 //! the variance of the last in proportion to their share. (The sum of a_k D_k is 0, so D is not in C.)
 //!
 //! Left out: the noise of emission, and correlations between the three channels (σ is that of their mean).
+//!
+//! # Scenes
+//! Transfer in three channels obeys the same model in the mean of its channels: a_k and E_k are of the mean T̄_k,
+//! G_k remains the mean of ρ^(k+1) L, and C = Σ_{k≥1} Σ_c ⟨T_k,c, G_k,c⟩/3 / (1 − a_0) has its colours. A path that walls
+//! made darker counts with its weight, in a_k as in v_k, and what they absorb is among what does not escape. The ratio of
+//! the tail is that of the group of emission: another estimate, so that no event moves it, and D is 0. The last layer of
+//! that group is the chance to survive all layers, which a volume alone finds as 1 − Σ a_k: what walls absorb has not
+//! survived.
+//!
+//! Each luminaire adds the variance of its own texture, Σ_k (ρ^(k+1) s σ_k)² with the tail in the last layer: its layers
+//! are taken as independent of each other, luminaires as independent of the environment and among themselves. Their
+//! errors come of shadow rays and cosines of their own at each vertex of a path; what they share is which
+//! vertices it has. Also left out: the noise of the ratio of the tail, and that walls of colour trade one channel for
+//! another.
 
 use super::block::{LANES, Lanes};
 use super::{Light, Material};

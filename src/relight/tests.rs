@@ -137,7 +137,7 @@ fn contraction_is_a_dot_product() {
     let light: Vec<[f64; 3]> = (0..16).map(|i| std::array::from_fn(|c| ((i * 7 + c * 3) % 11) as f64 - 5.0)).collect();
     let light = Light::new(light).unwrap();
     let material = Material::new([0.9, 0.5, 0.0], [0.0; 3]).unwrap();
-    let contracted = contract(&texture, &all_bricks(), &light, &material).unwrap();
+    let contracted = contract(&Textures::of_volume(&texture).unwrap(), &all_bricks(), &light, &material).unwrap();
     let mut report = LookupReport::default();
     for t in [[0, 0, 0], [3, 7, 8], [11, 11, 11], [8, 0, 5]] {
         let found = contracted.radiance_at(t.map(|v| v as f32), [0.0, 0.0, 1.0], &light, &material, &mut report);
@@ -178,7 +178,7 @@ fn every_fallback_of_the_lookup_does_what_it_says_and_is_counted() {
         [(8..), _, _] => Some((vec![0.0], false)),
         [x, _, _] => Some((value(x), true)),
     });
-    let contracted = contract(&textured, &all_bricks(), &light, &plain).unwrap();
+    let contracted = contract(&Textures::of_volume(&textured).unwrap(), &all_bricks(), &light, &plain).unwrap();
     let look = |p: [f32; 3], material: &Material| {
         let mut report = LookupReport::default();
         let found = contracted.radiance_at(p, [0.0, 0.0, 1.0], &light, material, &mut report);
@@ -205,7 +205,7 @@ fn every_fallback_of_the_lookup_does_what_it_says_and_is_counted() {
     assert!(near(found, 4.0) && counts(report) == (1, 0, 0, 1), "{found} {report:?}");
     let (_, report) = look([3.0, 10.5, 3.0], &plain);
     assert_eq!(counts(report), (0, 0, 1, 1));
-    let nothing = contract(&textured, &[], &light, &plain).unwrap();
+    let nothing = contract(&Textures::of_volume(&textured).unwrap(), &[], &light, &plain).unwrap();
     let mut report = LookupReport::default();
     nothing.radiance_at([1.0; 3], [0.0, 0.0, 1.0], &light, &plain, &mut report);
     assert_eq!(counts(report), (0, 0, 1, 1));
@@ -240,7 +240,7 @@ fn texels_keep_their_radiance_under_light_of_any_brightness() {
     let material = Material::new([1.0; 3], [0.0; 3]).unwrap();
     for brightness in [1.0f32, 1e18, 1e25, 1e30] {
         let light = Light::new(vec![[f64::from(brightness); 3]]).unwrap();
-        let contracted = contract(&texture, &[[0; 3]], &light, &material).unwrap();
+        let contracted = contract(&Textures::of_volume(&texture).unwrap(), &[[0; 3]], &light, &material).unwrap();
         let unknown = contracted.texel([3; 3])[3].is_nan();
         assert_eq!(unknown, brightness > 1e19, "the case is what it is meant to be");
         let found = contracted.look_up(&[[3.5; 3]], &[[0.0, 0.0, 1.0]], &light, &material);

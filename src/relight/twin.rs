@@ -1,6 +1,6 @@
 //! The slow twin of contraction: one texel at a time, as the formulas stand.
 
-use super::contract::{NO_LEVEL_SET, UNBAKED, Weights, contract};
+use super::contract::{NO_LEVEL_SET, Textures, UNBAKED, Weights, contract};
 use super::noise::{ELSEWHERE, NO_DIRECTIONS, ROOT_FOUR_PI};
 use super::{Light, Material, Tail};
 use crate::sampling::hash::uniform;
@@ -154,7 +154,7 @@ fn blocks_give_the_bits_of_single_texels() {
             let layers = texture.layout().layers.clone();
             let weights = Weights::new(&layers, &light, &material);
             let bricks = [[0, 0, 0], [1, 0, 0]];
-            let found = contract(&texture, &bricks, &light, &material).unwrap();
+            let found = contract(&Textures::of_volume(&texture).unwrap(), &bricks, &light, &material).unwrap();
             let (n, e) = (layers.coefficients(), layers.errors());
             let (mut texels, mut squares, mut left_out) = (0, 0.0, 0.0f32);
             for (slot, index) in bricks.into_iter().enumerate() {

@@ -34,7 +34,7 @@ use crate::compare::slow::{between, radiance_of, trilinear};
 use crate::compare::{BandLimited, BudgetRow, Distance, distance, mean_square};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
-use crate::relight::{Light, Material, contract};
+use crate::relight::{Light, Material, Textures, contract};
 use crate::sampling::DirectionalSource;
 use crate::sampling::hash::key;
 use crate::sh::Coefficients;
@@ -193,7 +193,7 @@ impl Study<'_> {
         let light = Light::from_channels(light)?;
         let material = Material::new(self.albedo, [0.0; 3])?;
         let bricks = texels_of_isosurface(self.volume, texture.layout().lattice, self.isovalue).bricks();
-        let contracted = contract(texture, &bricks, &light, &material)?;
+        let contracted = contract(&Textures::of_volume(texture)?, &bricks, &light, &material)?;
         let positions: Vec<[f32; 3]> = self.points.iter().map(|p| p.position_in_grid).collect();
         let normals: Vec<[f32; 3]> = self.points.iter().map(|p| p.normal).collect();
         let lit = contracted.look_up(&positions, &normals, &light, &material);

@@ -190,6 +190,12 @@ impl Layers {
         Self { channels: 3, ..self }
     }
 
+    /// The same layers in one channel.
+    #[must_use]
+    pub fn grey(self) -> Self {
+        Self { channels: 1, ..self }
+    }
+
     /// Colour channels: 1 where transfer is grey, else 3.
     pub fn channels(&self) -> usize {
         self.channels

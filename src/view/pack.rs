@@ -14,7 +14,7 @@ use super::samples::{self, BLOCK};
 use super::texels::{Texels, reduced};
 use crate::error::{Error, Result};
 use crate::probe::{Orientation, Probe};
-use crate::relight::{Light, Material, contract};
+use crate::relight::{Light, Material, Textures, contract};
 use crate::scene::Colormap;
 use crate::scene::srgb::byte_from_linear;
 use crate::sh::{MAX_BANDS, Rotation};
@@ -250,7 +250,7 @@ fn push_errors(
     positions: &[[f32; 3]],
 ) -> Result<f64> {
     let (light, material) = (Light::constant([1.0; 3]), Material::new([ALBEDO; 3], [0.0; 3])?);
-    let contracted = contract(subject.source, &texels.baked_bricks(), &light, &material)?;
+    let contracted = contract(&Textures::of_volume(subject.source)?, &texels.baked_bricks(), &light, &material)?;
     let normals = vec![[0.0, 0.0, 1.0]; positions.len()];
     let lit = contracted.look_up(positions, &normals, &light, &material);
     let errors = contracted.look_up_errors(positions);
@@ -272,7 +272,7 @@ fn push_probes(payload: &mut Payload, subject: &Subject<'_>, texels: &Texels<'_>
     let mut list = Vec::new();
     for (i, probe) in subject.probes.iter().enumerate() {
         let light = Light::from_channels(&probe.coefficients_in_world(layers.max_bands(), standing))?;
-        let noise = contract(subject.source, &bricks, &light, &material)?.noise;
+        let noise = contract(&Textures::of_volume(subject.source)?, &bricks, &light, &material)?.noise;
         let channels = probe.coefficients_in_world(layers.max_bands(), upright);
         let coefficients: Vec<f64> =
             (0..channels[0].values().len()).flat_map(|k| [0, 1, 2].map(|c| channels[c].values()[k])).collect();

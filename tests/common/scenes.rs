@@ -4,7 +4,7 @@
 use glam::DVec3;
 use isolume::geom::Bounds;
 use isolume::level::Pyramid;
-use isolume::relight::{Contracted, Light, LookupReport, LuminaireLight, Material, contract_scene};
+use isolume::relight::{Contracted, Light, LookupReport, LuminaireLight, Material, Textures, contract};
 use isolume::scene::geometry::Geometry;
 use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{BRICK, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, validity};
@@ -94,7 +94,8 @@ impl BakedScene {
             })
             .collect();
         let bricks = self.selection.bricks();
-        contract_scene(&self.textures[0], &self.textures[1], &luminaires, &bricks, light, material).expect("textures")
+        let textures = Textures::of_scene(&self.textures[0], &self.textures[1], &luminaires).expect("textures");
+        contract(&textures, &bricks, light, material).expect("in memory")
     }
 }
 

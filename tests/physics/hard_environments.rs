@@ -8,7 +8,7 @@ use exr::prelude::{
 use glam::DVec3;
 use isolume::geom::Up;
 use isolume::probe::{self, LatLong, Layout, Orientation, Probe, ReadOptions};
-use isolume::relight::{Light, Material, contract, prepare};
+use isolume::relight::{Light, Material, Textures, contract, prepare};
 use isolume::sh::{self, MAX_BANDS, Window};
 use proptest::prelude::*;
 use std::f64::consts::PI;
@@ -41,7 +41,9 @@ impl Scene {
     /// Radiance at the texels; everything is finite, whatever the light.
     fn relit(&self, light: &Light, albedo: f32) -> Vec<[f32; 3]> {
         let material = Material::new([albedo; 3], [0.0; 3]).expect("a material");
-        let contracted = contract(&self.baked.texture, &self.baked.bricks(), light, &material).expect("contracted");
+        let contracted =
+            contract(&Textures::of_volume(&self.baked.texture).expect("grey"), &self.baked.bricks(), light, &material)
+                .expect("contracted");
         let positions: Vec<[f32; 3]> = self.texels.iter().map(|t| t.map(|v| v as f32)).collect();
         let normals = vec![[0.0, 0.0, 1.0]; positions.len()];
         let radiance = contracted.look_up(&positions, &normals, light, &material).radiance;

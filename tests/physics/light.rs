@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use isolume::geom::Up;
 use isolume::level::{Counts, LevelField, Outcome, Pyramid, Start};
 use isolume::probe::{self, Orientation, Probe, SunOptions, split_sun};
-use isolume::relight::{Light, Material, contract, prepare};
+use isolume::relight::{Light, Material, Textures, contract, prepare};
 use isolume::render::{Camera, Projection, RenderOptions, Subject, SunLight, View, render, sun_visibility};
 use isolume::sampling::{DirectionalSource, PathSampler};
 use isolume::sh::{Window, basis};
@@ -66,7 +66,8 @@ impl Scene {
 
     /// Relit direct and reflected radiance (green) of the vertices.
     fn relit(&self, light: &Light, material: &Material) -> isolume::relight::VertexRadiance {
-        let contracted = contract(&self.texture, &self.selection.bricks(), light, material).unwrap();
+        let contracted =
+            contract(&Textures::of_volume(&self.texture).unwrap(), &self.selection.bricks(), light, material).unwrap();
         contracted.look_up(&self.mesh.positions_in_grid, &self.mesh.normals, light, material)
     }
 
@@ -190,7 +191,9 @@ fn certified_light_on_a_positive_bake_of_four_rays_is_non_negative() {
             let prepared = prepare(&channels, &channels, &layers, Window::Certified).unwrap();
             let light = &prepared.light;
             check_single_precision(&scene, light, &probe.name);
-            let mut contracted = contract(&scene.texture, &scene.selection.bricks(), light, &material).unwrap();
+            let mut contracted =
+                contract(&Textures::of_volume(&scene.texture).unwrap(), &scene.selection.bricks(), light, &material)
+                    .unwrap();
             // From the store: T_i is off by at most 2^-11 of itself (2^-25 where f16 is subnormal).
             let mut texels = 0;
             for brick in scene.selection.bricks() {
@@ -317,7 +320,8 @@ fn previews_show_the_shadow_of_a_split_sun() {
     let volume = &scene.volume;
     let black = Light::constant([0.0; 3]);
     let material = Material::new([0.5, 0.25, 0.0], [0.0; 3]).unwrap();
-    let contracted = contract(&scene.texture, &scene.selection.bricks(), &black, &material).unwrap();
+    let contracted =
+        contract(&Textures::of_volume(&scene.texture).unwrap(), &scene.selection.bricks(), &black, &material).unwrap();
     let top = View::named("top", volume.up).unwrap();
     let camera = Camera::framing(&volume.world_bounds(), volume.up, top, Projection::Orthographic, 1.0);
     let options = RenderOptions { width: 64, height: 64, supersampling: 1, cap: true };

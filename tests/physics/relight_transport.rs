@@ -2,7 +2,7 @@
 
 use crate::common::{self, Baked, bake_texels, bowl, grey, pick, random, settings, voxels};
 use glam::DVec3;
-use isolume::relight::{Contracted, Light, Material, contract};
+use isolume::relight::{Contracted, Light, Material, Textures, contract};
 use isolume::sh::{self, Coefficients};
 use isolume::transfer::Lattice;
 use isolume::transport::{PathEnd, Settings, replay};
@@ -11,7 +11,8 @@ use isolume::volume::field::{BumpBox, Gyroid, sample};
 
 /// Radiance at the texels themselves.
 fn relight(baked: &Baked, texels: &[[usize; 3]], light: &Light, material: &Material) -> Vec<[f32; 3]> {
-    let contracted: Contracted = contract(&baked.texture, &baked.bricks(), light, material).unwrap();
+    let contracted: Contracted =
+        contract(&Textures::of_volume(&baked.texture).unwrap(), &baked.bricks(), light, material).unwrap();
     let positions: Vec<[f32; 3]> = texels.iter().map(|t| t.map(|v| v as f32)).collect();
     let normals = vec![[0.0, 0.0, 1.0]; texels.len()];
     let found = contracted.look_up(&positions, &normals, light, material);
@@ -88,7 +89,8 @@ fn a_glowing_closed_sphere_sums_all_its_bounces() {
             }
         }
         // ρ = 1 has no end: the sum stops at the bounce after the last layer and says so.
-        let contracted = contract(&baked.texture, &baked.bricks(), &black, &grey(1.0, 1.0)).unwrap();
+        let contracted =
+            contract(&Textures::of_volume(&baked.texture).unwrap(), &baked.bricks(), &black, &grey(1.0, 1.0)).unwrap();
         assert_eq!(contracted.emission_remainder, 1.0);
         let found = relight(&baked, &texels, &black, &grey(1.0, 1.0));
         assert!(found.iter().all(|c| c[0] == layers as f32 + 1.0), "{layers}: {}", found[0][0]);
@@ -226,7 +228,8 @@ fn a_convex_combination_of_positive_texels_stays_positive() {
     let light = non_negative(3, 5);
     let rgb = light.values().iter().map(|&v| [v; 3]).collect();
     let light = Light::new(rgb).unwrap();
-    let contracted = contract(&baked.texture, &baked.bricks(), &light, &grey(0.9, 0.0)).unwrap();
+    let contracted =
+        contract(&Textures::of_volume(&baked.texture).unwrap(), &baked.bricks(), &light, &grey(0.9, 0.0)).unwrap();
     let positions: Vec<[f32; 3]> = points.iter().map(|p| p.as_vec3().to_array()).collect();
     let found = contracted.look_up(&positions, &vec![[0.0, 0.0, 1.0]; 400], &light, &grey(0.9, 0.0));
     assert_eq!((found.report.renormalised, found.report.unbaked), (0, 0));

@@ -7,7 +7,7 @@
 use crate::common::{Baked, bake_texels, bowl, corners, lower_half_sphere, pick, settings};
 use glam::DVec3;
 use isolume::level::Pyramid;
-use isolume::relight::{Light, Material, contract};
+use isolume::relight::{Light, Material, Textures, contract};
 use isolume::sampling::statistics::{Running, rms};
 use isolume::transfer::{Lattice, Layers, Layout, texels_of_isosurface};
 use isolume::transport::{Bake, Settings, pilot};
@@ -141,7 +141,8 @@ fn relight_sums_all_bounces() {
         let mut line = format!("{rays} rays, {layers} layers:");
         for rho in [0.2f32, 0.5, 0.8, 0.9, 0.95] {
             let material = Material::new([rho; 3], [0.0; 3]).unwrap();
-            let contracted = contract(&baked.texture, &baked.bricks(), &light, &material).unwrap();
+            let textures = Textures::of_volume(&baked.texture).unwrap();
+            let contracted = contract(&textures, &baked.bricks(), &light, &material).unwrap();
             let found = contracted.look_up(&positions, &normals, &light, &material);
             let mean: Running = found.radiance.iter().map(|c| f64::from(c[0])).collect();
             let r = f64::from(rho);

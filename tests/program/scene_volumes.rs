@@ -60,7 +60,6 @@ fn a_pair_is_baked_into_one_store_and_lit_together() {
         ("relight pair.isolume --env sky -o x.glb --isovalue 48", "bumps=48, which has no partner in gyroid"),
         ("relight pair.isolume --env sky -o x.glb --isovalue gyrod=0.6", "did you mean gyroid?"),
         ("relight pair.isolume --env sky -o x.glb --isovalue 47 --volume gyrod", "one of bumps, gyroid"),
-        ("relight pair.isolume --env sky -o x.glb --isovalue 47 --transfer", "--volume NAME"),
         ("relight pair.toml --cache c -o x.glb --isovalue 50", "bumps=50, which has no partner"),
         ("relight bumpbox:12 --cache c --env sky -o x.glb --isovalue bumps=47", "one volume alone"),
         ("relight bumpbox:12 --cache c --env sky -o x.glb --isovalue 47 --volume bumps", "one volume alone"),
@@ -153,4 +152,93 @@ fn mistakes_in_pairs_name_file_and_line() {
     bench.write("s.toml", apart.replace("FAR", "far.json").replace("\"bumpbox:12\"", "\"near.json\""));
     let message = bench.refuses("bake s.toml -o x.isolume");
     assert!(message.contains("s.toml:1:") && message.contains("ranges that overlap"), "{message}");
+}
+
+/// The numbers of an attribute of a .glb, widened.
+fn attribute(json: &serde_json::Value, bin: &[u8], name: &str) -> Vec<f64> {
+    let index = json["meshes"][0]["primitives"][0]["attributes"][name].as_u64();
+    let accessor = &json["accessors"][index.unwrap_or_else(|| panic!("no {name}")) as usize];
+    let view = &json["bufferViews"][accessor["bufferView"].as_u64().expect("a view") as usize];
+    let at = |v: &serde_json::Value| v["byteOffset"].as_u64().unwrap_or(0) as usize;
+    let per = match accessor["type"].as_str() {
+        Some("SCALAR") => 1,
+        Some("VEC3") => 3,
+        _ => 4,
+    };
+    let count = per * accessor["count"].as_u64().expect("a count") as usize;
+    let bytes = &bin[at(view) + at(accessor)..];
+    match accessor["componentType"].as_u64() {
+        Some(5126) => bytes.as_chunks().0[..count].iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect(),
+        _ => bytes.as_chunks().0[..count].iter().map(|b| f64::from(u16::from_le_bytes(*b)) / 65535.0).collect(),
+    }
+}
+
+/// Two volumes under a sky and a lamp, relit from the attributes of their file alone by the formula beside them.
+#[test]
+fn a_scene_is_relit_from_its_file() {
+    let bench = Bench::new();
+    let lamp =
+        "[[luminaires]]\nname = \"lamp\"\nshape = \"sphere\"\ncentre = [0.9, -0.2, 0.1]\nradius = 0.1\npower = 20\n";
+    for layers in [1, 2] {
+        let scene = PAIR.replace("COUPLING", "[[47, 0.6]]").replace("layers = 2", &format!("layers = {layers}"));
+        bench.write("s.toml", scene.replace("[bake]", &format!("{lamp}[bake]")));
+        let line = "relight s.toml --cache c --albedo 0.8,0.6,0.4 --emission 0.25 --luminaire lamp=2,1,0.5";
+        bench.run(&format!("{line} --transfer --radiance -o s.glb"));
+        let bytes = bench.bytes("s.glb");
+        let file = gltf::Glb::from_slice(&bytes).expect("a GLB");
+        let json: serde_json::Value = serde_json::from_slice(&file.json).expect("JSON");
+        let bin = file.bin.as_deref().expect("numbers");
+        let extras = &json["meshes"][0]["extras"]["isolume_transfer"];
+        let number = |v: &serde_json::Value| v.as_f64().expect("a number");
+        let [radiance, colours] = ["_RADIANCE", "COLOR_0"].map(|name| attribute(&json, bin, name));
+        let vertices = radiance.len() / 3;
+        let width = colours.len() / vertices;
+        let (mut square, mut of_tail, mut mean) = (0.0, 0.0, 0.0);
+        for (c, channel) in ["R", "G", "B"].into_iter().enumerate() {
+            let (rho, glow) = (number(&extras["albedo"][c]), number(&extras["emission"][c]));
+            let factor = number(&extras["luminaires"][0]["factor"][c]);
+            let (mut sum, mut brought, mut emission) = (vec![glow; vertices], Vec::new(), Vec::new());
+            for k in 0..layers {
+                let power = rho.powi(k + 1);
+                brought = vec![0.0; vertices];
+                let mut add = |name: &str, weight: f64| {
+                    let values = attribute(&json, bin, name);
+                    assert_eq!(values.len(), vertices, "{name}");
+                    brought.iter_mut().zip(&values).for_each(|(b, v)| *b += power * weight * v);
+                    values
+                };
+                for (i, light) in
+                    extras["light"]["coefficients_in_world"].as_array().expect("a light").iter().enumerate()
+                {
+                    let l = i.isqrt();
+                    if l < 2 {
+                        add(&format!("_T{k}_{channel}_SH_DEGREE_{l}_COEF_{}", i - l * l), number(&light[c]));
+                    }
+                }
+                add(&format!("_LUMINAIRE_0_G{k}_{channel}"), factor);
+                emission.push(add(&format!("_G{k}_EMISSION_{channel}"), glow));
+                sum.iter_mut().zip(&brought).for_each(|(s, b)| *s += b);
+            }
+            for v in 0..vertices {
+                let without = sum[v];
+                if let [.., before, last] = &emission[..] {
+                    let x = if before[v] > 0.0 { rho * (last[v] / before[v]).min(1.0) } else { 0.0 };
+                    sum[v] += brought[v] * x / (1.0 - x);
+                }
+                let expected = radiance[3 * v + c];
+                square += (sum[v] - expected).powi(2);
+                of_tail += (sum[v] - without).powi(2);
+                mean += expected / (3 * vertices) as f64;
+                let shown = (number(&extras["exposure"]) * expected).clamp(0.0, 1.0);
+                // To a step of 16 bits.
+                assert!((colours[width * v + c] - shown).abs() < 1.01 / 65535.0);
+            }
+        }
+        let [rms, tail] = [square, of_tail].map(|s| (s / (3 * vertices) as f64).sqrt());
+        assert!(vertices > 100 && mean > 0.1, "{vertices} vertices of mean {mean}");
+        // The layers are linear in the transfer: what interpolation and contraction do commutes, to the rounding of some
+        // dozen sums in 32 bits. The tail is not, its ratio is a quotient of interpolated numbers.
+        let allowed = if layers == 1 { 64.0 * f64::from(f32::EPSILON) * mean } else { tail };
+        assert!(rms < allowed, "{layers} layers: {rms} {allowed}");
+    }
 }

@@ -7,7 +7,7 @@
 import { readFileSync } from "node:fs";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath, pathToFileURL } from "node:url";
-import { readGlb, relight } from "../../examples/relight_gltf.mjs";
+import { planeNames, readGlb, relight } from "../../examples/relight_gltf.mjs";
 
 const root = dirname(dirname(dirname(fileURLToPath(import.meta.url))));
 const npm = resolve(process.env.ISOLUME_NPM || join(root, "target/npm"));
@@ -26,9 +26,9 @@ let mesh = null;
 gltf.scene.traverse((o) => { if (o.isMesh) mesh = o; });
 const { attributes } = mesh.geometry;
 const extras = mesh.geometry.userData.isolume_transfer ?? mesh.userData.isolume_transfer ?? gltf.parser.json.meshes[0].extras.isolume_transfer;
-const count = extras.bands.reduce((sum, b) => sum + b * b, 0);
-const names = Object.keys(attributes).filter((n) => /^_t\d+_sh_degree_\d+_coef_\d+$/i.test(n));
-check(names.length === count, `three.js reads ${attributes.position.count} vertices with ${names.length} transfer attributes of ${count}`);
+const planes = planeNames(extras).map((name) => name.toLowerCase());
+const names = Object.keys(attributes).filter((n) => /^_(t\d+(_[rgb])?_sh_degree_\d+_coef_\d+|g\d+_emission_[rgb]|luminaire_\d+_g\d+_[rgb])$/i.test(n));
+check(names.length === planes.length, `three.js reads ${attributes.position.count} vertices with ${names.length} transfer attributes of ${planes.length}`);
 
 const radiance = attributes._radiance.array, colour = attributes.color;
 let worst = 0;
@@ -43,10 +43,7 @@ check(mesh.material.isMeshBasicMaterial === true && mesh.material.vertexColors =
 
 // Relit from the attributes as three.js has them, under the light that the file names.
 const model = readGlb(new Uint8Array(bytes));
-model.planes = [];
-extras.bands.forEach((bands, k) => {
-  for (let l = 0; l < bands; l++) for (let n = 0; n <= 2 * l; n++) model.planes.push(attributes[`_t${k}_sh_degree_${l}_coef_${n}`].array);
-});
+model.planes = planes.map((name) => attributes[name].array);
 const light = Float64Array.from(extras.light.coefficients_in_world.flat());
 const [ours, layers] = [true, false].map((withTail) => relight(model, light, extras.albedo, withTail));
 const rms = (a, b) => Math.sqrt(a.reduce((total, v, i) => total + (v - b[i]) ** 2, 0) / a.length);

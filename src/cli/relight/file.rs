@@ -216,10 +216,11 @@ impl Context<'_> {
             let mut options =
                 GltfOptions { colour_format, scale: args.scale, provenance: record, ..Default::default() };
             if args.transfer {
-                let (layers, rotation) = (&self.store.layout().layers, self.command.light.env_rotate);
-                options.scalars = relightable::attributes(self.store, &surface.mesh)?;
+                let (lit, rotation) = ((self.store, &self.command.light.luminaires[..]), self.command.light.env_rotate);
+                let others = companions.iter().map(|c| (&c.member.store, &c.surface.mesh));
+                options.scalars = relightable::attributes(std::iter::once((self.store, &surface.mesh)).chain(others))?;
                 options.mesh_extras =
-                    relightable::extras(layers, probe, &lighting.light, material, self.up, rotation, written.exposure)?;
+                    relightable::extras(lit, probe, &lighting.light, material, self.up, rotation, written.exposure)?;
             }
             atomic::write(path, |w| gltf::write(w, &mesh, &options))?;
             let [x, y, z] = gltf::size_in_metres(&mesh, args.scale).map(|side| text::number(side, 3));

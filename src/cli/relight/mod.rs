@@ -290,11 +290,6 @@ impl Relight {
             let work = Work::new(self, &volume, &chosen, probes, start, console)?;
             return work.light(&Source { store, transport_rays }, Vec::new());
         }
-        if self.mesh.transfer {
-            let expected = "one volume: glTF carries the transfer of one";
-            let remedy = "add --volume NAME";
-            return Err(Error::argument("--transfer", "several volumes", expected, remedy).into());
-        }
         let resolved = self.isovalue.iter().map(|i| members.resolve(i)).collect::<Result<Vec<_>, Error>>()?;
         let (chosen, isovalues): (Vec<Chosen>, Vec<Vec<f64>>) = resolved.into_iter().unzip();
         let Some((first, others)) = members.split() else {

@@ -1,6 +1,6 @@
 use super::super::contract::Weights;
 use super::super::twin;
-use super::super::{Material, contract};
+use super::super::{Material, Textures, contract};
 use super::*;
 use crate::probe::{LatLong, project};
 use crate::sampling::hash::uniform;
@@ -181,7 +181,7 @@ fn clamping_takes_out_what_is_negative_and_reports_it() {
     texture.insert([0; 3], brick).unwrap();
     let material = Material::new([1.0; 3], [0.0; 3]).unwrap();
     let light = Light::new(vec![[2.0, 2.0, 0.0]]).unwrap();
-    let mut contracted = contract(&texture, &[[0; 3]], &light, &material).unwrap();
+    let mut contracted = contract(&Textures::of_volume(&texture).unwrap(), &[[0; 3]], &light, &material).unwrap();
     let report = contracted.clamp_negative();
     assert_eq!((report.texels, report.of_texels, report.deepest), (127, 511, -0.25));
     // Two channels: 127 × 0.25 taken, 384 × 0.5 left, each.

@@ -2,7 +2,7 @@
 
 use isolume::glam::DVec3;
 use isolume::level::Pyramid;
-use isolume::relight::{Light, Material, contract};
+use isolume::relight::{Light, Material, Textures, contract};
 use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{Lattice, Layers, Layout, MemoryTexture};
 use isolume::transport::{Bake, Progress, Settings, bake};
@@ -23,7 +23,7 @@ fn main() -> isolume::Result<()> {
 
     let (mesh, light) = (isolume::surface::extract(&volume, 5.0)?, Light::constant([1.0; 3]));
     let material = Material::new([0.5; 3], [0.0; 3])?;
-    let lit = contract(&texture, &selection.bricks(), &light, &material)?;
+    let lit = contract(&Textures::of_volume(&texture)?, &selection.bricks(), &light, &material)?;
     let radiance = lit.look_up(&mesh.positions_in_grid, &mesh.normals, &light, &material).radiance;
     let mean = radiance.iter().map(|c| c[1]).sum::<f32>() / radiance.len() as f32;
     println!("{} vertices, mean radiance {mean:.4}", radiance.len());

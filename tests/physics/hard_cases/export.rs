@@ -9,7 +9,7 @@ use isolume::export::{ExportMesh, Positions, gltf as glb, ply};
 use isolume::geom::Up;
 use isolume::level::{LevelField, Pyramid};
 use isolume::probe::{LatLong, Orientation, Probe, by_name};
-use isolume::relight::{Exposure, Light, Material, contract, prepare};
+use isolume::relight::{Exposure, Light, Material, Textures, contract, prepare};
 use isolume::sh::certified::bounds;
 use isolume::sh::{Coefficients, Window};
 use isolume::surface::{Mesh, extract, extract_with_normals};
@@ -113,7 +113,7 @@ fn relight(
     light: &Lit,
     material: &Material,
 ) -> (Vec<[f32; 3]>, [(f64, f64); 3]) {
-    let contracted = contract(&solved.texture, bricks, &light.light, material).unwrap();
+    let contracted = contract(&Textures::of_volume(&solved.texture).unwrap(), bricks, &light.light, material).unwrap();
     let lit = contracted.look_up(&surface.positions_in_grid, &surface.normals, &light.light, material);
     assert_eq!((lit.report.lookups, lit.report.unbaked), (surface.positions_in_grid.len() as u64, 0));
     assert!(contracted.look_up_errors(&surface.positions_in_grid).iter().all(|e| e.is_finite() && *e >= 0.0));

@@ -4,7 +4,7 @@ use super::solve::{Estimator, Solved, solve_with};
 use crate::common::cases::floats;
 use isolume::geom::Up;
 use isolume::probe::{LatLong, Orientation, Probe};
-use isolume::relight::{Light, LookupReport, Material, contract, prepare};
+use isolume::relight::{Light, LookupReport, Material, Textures, contract, prepare};
 use isolume::sh::Window;
 use isolume::transfer::{BrickSource, Lattice, Layers};
 use isolume::volume::Volume;
@@ -21,7 +21,8 @@ fn ball() -> Volume {
 
 /// Radiance at a lattice point.
 fn at(solved: &Solved, texel: [f32; 3], light: &Light, material: &Material) -> ([f32; 3], f32) {
-    let contracted = contract(&solved.texture, &solved.selection.bricks(), light, material).unwrap();
+    let contracted =
+        contract(&Textures::of_volume(&solved.texture).unwrap(), &solved.selection.bricks(), light, material).unwrap();
     let mut report = LookupReport::default();
     let radiance = contracted.radiance_at(texel, [0.0, 0.0, 1.0], light, material, &mut report);
     assert_eq!((report.unbaked, report.unoccluded), (0, 0));

@@ -1,22 +1,54 @@
-//! One brick: its valid texels block by block, while those of the next block come from memory.
+//! One brick of grey transfer: its valid texels block by block, while those of the next block come from memory.
 
 use super::super::block::{self, Column, LANES, Lanes};
 use super::super::noise::{ROOT_FOUR_PI, TailRadiance, mean};
 use super::super::tail::Tail;
-use super::{NO_LEVEL_SET, UNBAKED, Weights};
-use crate::transfer::{BRICK_TEXELS, BrickView, Layers, MAX_LAYERS, validity};
+use super::{BrickTotals, Opened, UNBAKED, Weights};
+use crate::error::Result;
+use crate::transfer::{BRICK_TEXELS, BrickSource, BrickView, Layers, MAX_LAYERS};
 use glam::Vec4;
 use half::f16;
 use multiversion::{multiversion, target::match_target};
 
-/// What one brick gave.
-#[derive(Clone, Copy, Default)]
-pub(super) struct BrickTotals {
-    pub(super) variance: f64,
-    // Of the three channels.
-    pub(super) radiance: f64,
-    pub(super) texels: u64,
-    pub(super) left_out: f32,
+/// Contraction of the bricks of a grey texture.
+pub(super) struct Kernel<'a> {
+    pub(super) source: &'a dyn BrickSource,
+    pub(super) bricks: &'a [[usize; 3]],
+    pub(super) weights: Weights,
+}
+
+/// What a thread works with.
+pub(super) struct Thread<'a> {
+    room: Room,
+    // The brick of a slot, opened before it is its turn, so that its memory is asked for in time.
+    ahead: Option<(usize, Opened<'a>)>,
+}
+
+impl Thread<'_> {
+    pub(super) fn new(layers: &Layers) -> Self {
+        Self { room: Room::new(layers), ahead: None }
+    }
+}
+
+impl<'a> Kernel<'a> {
+    /// Contracts the brick of a slot.
+    pub(super) fn contract(
+        &self,
+        thread: &mut Thread<'a>,
+        slot: usize,
+        out: &mut [[f32; 4]; BRICK_TEXELS],
+    ) -> Result<BrickTotals> {
+        let open = |slot: usize| self.source.brick(self.bricks[slot]).map(Opened::new);
+        let brick = match thread.ahead.take() {
+            Some((of, opened)) if of == slot => opened,
+            _ => open(slot)?,
+        };
+        if slot + 1 < self.bricks.len() {
+            thread.ahead = Some((slot + 1, open(slot + 1)?));
+        }
+        let next = thread.ahead.as_ref().map(|(_, opened)| opened);
+        Ok(contract_brick(BrickJob { brick, next, weights: &self.weights, out, room: &mut thread.room }))
+    }
 }
 
 /// What contraction makes of a block.
@@ -35,7 +67,7 @@ struct BlockWork {
 }
 
 /// Room for the blocks of one task.
-pub(super) struct Room {
+struct Room {
     columns: Vec<Column>,
     error_columns: Vec<Column>,
     errors: Vec<Lanes>,
@@ -43,7 +75,7 @@ pub(super) struct Room {
 }
 
 impl Room {
-    pub(super) fn new(layers: &Layers) -> Self {
+    fn new(layers: &Layers) -> Self {
         Self {
             columns: vec![[f16::ZERO; LANES]; layers.coefficients()],
             error_columns: vec![[f16::ZERO; LANES]; layers.errors()],
@@ -61,39 +93,14 @@ impl Room {
     }
 }
 
-/// A brick and its valid texels.
-pub(super) struct Opened<'a> {
-    // `None` where nothing is baked.
-    view: Option<BrickView<'a>>,
-    valid: [u16; BRICK_TEXELS],
-    // Of `valid`, the first so many.
-    count: usize,
-}
-
-impl<'a> Opened<'a> {
-    pub(super) fn new(view: Option<BrickView<'a>>) -> Self {
-        let (mut valid, mut count) = ([0; BRICK_TEXELS], 0);
-        for (t, flags) in view.iter().flat_map(|view| view.validity).enumerate() {
-            // No branch: written in any case, and over if it does not count.
-            valid[count] = t as u16;
-            count += usize::from(flags & validity::VALID == validity::VALID);
-        }
-        Self { view, valid, count }
-    }
-
-    fn valid(&self) -> &[u16] {
-        &self.valid[..self.count]
-    }
-}
-
 /// A brick to contract, and where to.
-pub(super) struct BrickJob<'a> {
-    pub(super) brick: Opened<'a>,
+struct BrickJob<'a> {
+    brick: Opened<'a>,
     // What comes after it.
-    pub(super) next: Option<&'a Opened<'a>>,
-    pub(super) weights: &'a Weights,
-    pub(super) out: &'a mut [[f32; 4]; BRICK_TEXELS],
-    pub(super) room: &'a mut Room,
+    next: Option<&'a Opened<'a>>,
+    weights: &'a Weights,
+    out: &'a mut [[f32; 4]; BRICK_TEXELS],
+    room: &'a mut Room,
 }
 
 /// [`block::wide::fetch`], or nothing.
@@ -122,7 +129,7 @@ struct Forms<F: Fetch, C: Columns, W: Widen, D: Dot> {
 
 /// Contracts a brick with what this processor has. All variants give the same bits.
 #[multiversion(targets("x86_64+avx+avx2+f16c+fma+avx512f", "x86_64+avx+avx2+f16c+fma"))]
-pub(super) fn contract_brick(job: BrickJob<'_>) -> BrickTotals {
+fn contract_brick(job: BrickJob<'_>) -> BrickTotals {
     match_target! {
         "x86_64+avx+avx2+f16c+fma+avx512f" => job.run(&Forms {
             fetch: |stored| block::wide::fetch(stored),
@@ -199,16 +206,7 @@ impl BrickJob<'_> {
             }
             totals.left_out = totals.left_out.max(*left_out);
         }
-        let mut begin = 0;
-        for end in brick.valid().iter().map(|&t| usize::from(t)).chain([BRICK_TEXELS]) {
-            for t in begin..end {
-                // Both are NaN where nothing is baked; of the errors fewer lines are to be fetched, and no others than
-                // those of valid texels beside it.
-                let baked = !view.stderr[t * weights.errors].is_nan();
-                out[t] = [0.0, 0.0, 0.0, if baked { NO_LEVEL_SET } else { UNBAKED }];
-            }
-            begin = end + 1;
-        }
+        brick.mark_others(&view, weights.errors, out);
         totals
     }
 }
