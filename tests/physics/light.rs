@@ -41,8 +41,8 @@ impl Scene {
         let mut texture = MemoryTexture::new(layout.clone());
         let job = Bake::new(&volume, &pyramid, &layout, &settings, &selection);
         let bricks_along = lattice.bricks();
-        bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, bricks| {
-            for (b, brick) in bricks.into_iter().enumerate() {
+        bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, mut groups| {
+            for (b, brick) in groups.swap_remove(0).into_iter().enumerate() {
                 let index: [usize; 3] = [b % 4, b / 4 % 4, b / 16];
                 let index: [usize; 3] = std::array::from_fn(|a| chunk[a] * 4 + index[a]);
                 if let Some(brick) = brick.filter(|_| (0..3).all(|a| index[a] < bricks_along[a])) {

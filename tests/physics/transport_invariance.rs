@@ -96,7 +96,7 @@ fn a_texel_that_stops_early_is_the_texel_of_a_bake_with_as_many_rays() {
     for ((t, rays), one) in stopped.iter().zip(estimates(&job, &stopped).unwrap()) {
         // The same paths in steps: only the order of the f32 sums differs, and what is stored is rounded to f16, by
         // half a unit, 2⁻¹¹.
-        for (a, b) in found.transfer(*t).iter().zip(&one.unwrap().transfer) {
+        for (a, b) in found.transfer(*t).iter().zip(&one.unwrap()[0].transfer) {
             let b = f64::from(*b);
             assert!((a - b).abs() <= 2f64.powi(-11) * b.abs() + 3e-6, "{t:?} {rays} rays: {a} {b}");
         }
@@ -127,7 +127,7 @@ fn threads_and_partition_change_no_bit() {
     let mut alone =
         Baked { texture: isolume::transfer::MemoryTexture::new(layout.clone()), summary: one.summary.clone() };
     for b in selection.bricks() {
-        alone.texture.insert(b, bake_brick(&job, b).unwrap().brick).unwrap();
+        alone.texture.insert(b, bake_brick(&job, b).unwrap().bricks.swap_remove(0)).unwrap();
     }
     assert!(one.same_bits(&alone));
     // Texels baked in two halves: a texel does not know its neighbours.

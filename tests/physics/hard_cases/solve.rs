@@ -4,7 +4,7 @@ use isolume::level::Pyramid;
 use isolume::transfer::{
     BRICK, BRICK_TEXELS, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, validity,
 };
-use isolume::transport::{Bake, GatherSettings, Progress, Settings, Summary, bake, gather};
+use isolume::transport::{Bake, ChunkBricks, GatherSettings, Progress, Settings, Summary, bake, gather};
 use isolume::volume::Volume;
 use isolume::{Error, Result};
 
