@@ -1,0 +1,211 @@
+//! A bake of a scene, set up call by call: the requests of its volumes from a few settings.
+
+use super::{Estimator, ForLight, Goal, Hints, Observer, Report, Request, Share, Writing, layout_of_scene, run};
+use crate::error::{Error, Result};
+use crate::scene::{Effects, Member, Scene};
+use crate::transfer::store::Store;
+use crate::transfer::{Lattice, Layers, Layout};
+use crate::transport::Settings;
+use crate::volume::Isovalue;
+use std::path::Path;
+
+/// Rays of a texel where nothing says how many, and the most where it stops at an error or a time.
+const RAYS: u32 = 64;
+const MOST_RAYS: u32 = 4096;
+
+/// A bake of all volumes of a scene: of all isovalues, 4 layers of 5 bands, as many texels as samples, 64 rays each, unless told
+/// otherwise. The same bake into the same store goes on where it stopped, and ends with the same bytes.
+///
+/// ```
+/// use isolume::bake::{Bake, Silent};
+/// use isolume::scene::Scene;
+///
+/// # fn main() -> isolume::Result<()> {
+/// # let folder = tempfile::tempdir().map_err(|e| isolume::Error::io("", "make a folder", e))?;
+/// let scene = Scene::open("bumpbox:12")?;
+/// let bake = Bake::of(&scene).isovalues([47.0]).layers(2).bands(3).error(0.1);
+/// let (store, reports) = bake.run(folder.path().join("bumps.isolume"), &Silent)?;
+/// assert!(reports[0].summary.errors.quantile(0.5) <= 0.1 && store.holdings()?.isovalues == [47.0]);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Debug)]
+#[must_use = "nothing is baked before `run`"]
+pub struct Bake<'a> {
+    scene: &'a Scene,
+    isovalues: Option<Vec<f64>>,
+    texture: f64,
+    layers: usize,
+    bands: usize,
+    rays: Option<u32>,
+    seed: u64,
+    positive: bool,
+    goal: Goal,
+    estimator: Estimator,
+    share: Option<Share>,
+    memory_limit: Option<u64>,
+    effects: Effects,
+    writing: Writing,
+}
+
+impl<'a> Bake<'a> {
+    /// A bake of a scene.
+    pub fn of(scene: &'a Scene) -> Self {
+        Self {
+            scene,
+            isovalues: None,
+            texture: 1.0,
+            layers: 4,
+            bands: 5,
+            rays: None,
+            seed: 0,
+            positive: false,
+            goal: Goal::default(),
+            estimator: Estimator::default(),
+            share: None,
+            memory_limit: None,
+            effects: Effects::default(),
+            writing: Writing::default(),
+        }
+    }
+
+    /// Only the texels that these isosurfaces look up, in the values of the file (of the first volume, where there are several).
+    /// [`Member::choose`] makes values of percentages, `auto` and others.
+    pub fn isovalues(self, isovalues: impl IntoIterator<Item = f64>) -> Self {
+        Self { isovalues: Some(isovalues.into_iter().collect()), ..self }
+    }
+
+    /// Texels for each sample along an axis, such as 0.5 or 2.
+    pub fn texture(self, ratio: f64) -> Self {
+        Self { texture: ratio, ..self }
+    }
+
+    /// Stored layers: 1 is direct light alone, n has n − 1 reflections and the tail beyond.
+    pub fn layers(self, layers: usize) -> Self {
+        Self { layers, ..self }
+    }
+
+    /// Spherical-harmonic bands of each layer.
+    pub fn bands(self, bands: usize) -> Self {
+        Self { bands, ..self }
+    }
+
+    /// Rays per texel, a power of two; with an error or a time the most that a texel gets.
+    pub fn rays(self, rays: u32) -> Self {
+        Self { rays: Some(rays), ..self }
+    }
+
+    /// Seed of all random numbers.
+    pub fn seed(self, seed: u64) -> Self {
+        Self { seed, ..self }
+    }
+
+    /// Transfer that stays non-negative under non-negative light, at more noise.
+    pub fn positive(self, positive: bool) -> Self {
+        Self { positive, ..self }
+    }
+
+    /// Stops a texel at this standard error, 1 being an unoccluded texel, or the mean radiance under [`Self::for_light`].
+    pub fn error(mut self, error: f32) -> Self {
+        self.goal.error = Some(error);
+        self
+    }
+
+    /// Chooses the standard error such that the bake takes about this long by the observer's clock.
+    pub fn seconds(mut self, seconds: f64) -> Self {
+        self.goal.seconds = Some(seconds);
+        self
+    }
+
+    /// Measures errors by the radiance under this environment.
+    pub fn for_light(mut self, light: ForLight) -> Self {
+        self.goal.light = Some(light);
+        self
+    }
+
+    /// The estimator of the transfer.
+    pub fn estimator(self, estimator: Estimator) -> Self {
+        Self { estimator, ..self }
+    }
+
+    /// Only share `index` (from 1) of `of` shares of the chunks: several processes may fill one store so, or each its own for
+    /// [`StoreOptions::merge`](crate::transfer::store::StoreOptions::merge).
+    ///
+    /// # Errors
+    /// When there is no such share.
+    pub fn share(self, index: usize, of: usize) -> Result<Self> {
+        if index < 1 || index > of {
+            let expected = "i of n with i from 1 to n";
+            return Err(Error::argument("share", format!("{index} of {of}"), expected, "count shares from 1"));
+        }
+        Ok(Self { share: Some(Share { index, of }), ..self })
+    }
+
+    /// Refuses to use more bytes of memory.
+    pub fn memory_limit(self, bytes: u64) -> Self {
+        Self { memory_limit: Some(bytes), ..self }
+    }
+
+    /// Effects switched on or off by hand.
+    pub fn effects(self, effects: Effects) -> Self {
+        Self { effects, ..self }
+    }
+
+    /// How the store is written and what of it is verified.
+    pub fn writing(self, writing: Writing) -> Self {
+        Self { writing, ..self }
+    }
+
+    /// The requests of the volumes, in their order.
+    ///
+    /// # Errors
+    /// When no surface has an isovalue, or the texture or its layers make no sense.
+    pub fn requests(&self) -> Result<Vec<Request<'_>>> {
+        self.scene.members().iter().map(|member| self.request(member)).collect()
+    }
+
+    fn request<'b>(&'b self, member: &'b Member) -> Result<Request<'b>> {
+        let choose = |c: &f64| Ok(member.choose(Isovalue::Value(*c))?.value);
+        let isovalues = match &self.isovalues {
+            Some(list) => Some(list.iter().map(choose).collect::<Result<Vec<f64>>>()?),
+            None => None,
+        };
+        let lattice = Lattice::from_ratio(member.volume.dims(), self.texture)?;
+        let plain = Layout { lattice, layers: Layers::uniform(self.layers, self.bands)? };
+        let layout = layout_of_scene(plain, member.geometry.as_ref());
+        let stops = self.goal.error.is_some() || self.goal.seconds.is_some();
+        let settings = Settings {
+            layers: layout.layers.clone(),
+            rays: self.rays.unwrap_or(if stops { MOST_RAYS } else { RAYS }),
+            seed: self.seed,
+            target: None,
+            positive: self.positive,
+        };
+        Ok(Request {
+            isovalues,
+            goal: self.goal.clone(),
+            estimator: self.estimator,
+            share: self.share,
+            memory_limit: self.memory_limit,
+            hints: Hints::default(),
+            writing: self.writing,
+            geometry: member.geometry.as_ref(),
+            ..Request::new(&member.volume, &member.label, layout, settings, &self.effects)
+        })
+    }
+
+    /// Bakes what is missing or damaged into the store at `path`, which is made if there is none: the store of the first volume,
+    /// and a report for each.
+    ///
+    /// # Errors
+    /// Those of [`Self::requests`] and [`run()`]; [`Error::Stopped`] when the observer wanted to stop before all was done.
+    pub fn run(&self, path: impl AsRef<Path>, observer: &dyn Observer) -> Result<(Store, Vec<Report>)> {
+        let (path, requests) = (path.as_ref(), self.requests()?);
+        requests.iter().try_for_each(Request::check)?;
+        let mut reports = Vec::with_capacity(requests.len());
+        for request in &requests {
+            reports.push(run(request, path, observer)?.1);
+        }
+        Ok((Store::open(path)?, reports))
+    }
+}
