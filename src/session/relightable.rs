@@ -17,9 +17,9 @@ use serde_json::{Value, json};
 /// The attributes of a mesh.
 pub(super) fn attributes(source: &dyn BrickSource, mesh: &Mesh) -> Result<Vec<Scalars>> {
     if source.layout().layers.channels() != 1 {
-        let remedy = "leave out --transfer, or bake the volume without walls and luminaires";
+        let remedy = "leave it out, or bake the volume without walls and luminaires";
         let expected = "the grey transfer of a volume alone";
-        return Err(Error::argument("--transfer", "the coloured transfer of a scene", expected, remedy));
+        return Err(Error::argument("transfer", "the coloured transfer of a scene", expected, remedy));
     }
     let planes = look_up_transfer(source, &mesh.positions_in_grid, &mesh.normals)?.planes;
     Ok(names(&source.layout().layers).zip(planes).map(|(name, values)| Scalars { name, values }).collect())
