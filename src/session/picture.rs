@@ -134,6 +134,10 @@ struct Stage<'a> {
 impl<'a> Stage<'a> {
     fn still(&self) -> Result<Still> {
         let options = self.options;
+        if options.width == 0 || options.height == 0 {
+            let given = format!("{} × {} pixels", options.width, options.height);
+            return Err(Error::argument("picture", given, "at least one pixel each way", "give a larger size"));
+        }
         if options.scale_bar && matches!(options.projection, Projection::Perspective(_)) {
             let remedy = "lengths have no one scale in perspective: leave out the bar";
             return Err(Error::argument("scale bar", "a perspective view", "a parallel projection", remedy));

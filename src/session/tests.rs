@@ -21,7 +21,7 @@ fn store(folder: &std::path::Path) -> Store {
     let effects = Effects::default();
     let mut request = Request::new(&volume, "bumpbox:12", layout, settings, &effects);
     request.isovalues = Some(vec![ISOVALUE]);
-    bake::run(&request, &folder.join("bumps.isolume"), &Silent).unwrap().0
+    bake::run(&request, folder.join("bumps.isolume"), &Silent).unwrap().0
 }
 
 fn material() -> Material {
@@ -93,6 +93,8 @@ fn unknown_luminaires_members_and_negative_light_that_is_to_be_certified_are_ref
     };
     let lit = surface.lit(&light, &material(), &LitOptions::default()).unwrap();
     refused(lit.picture(&picture).map(|_| ()), "scale bar");
+    let empty = PictureOptions { width: 0, ..PictureOptions::default() };
+    refused(lit.picture(&empty).map(|_| ()), "picture");
     probe.image = LatLong::new(2, 1, vec![[1.0; 3], [1.0, -0.5, 1.0]]).unwrap();
     let certified = LightOptions { window: Window::Certified, ..LightOptions::default() };
     refused(session.light(&probe, &certified).map(|_| ()), "window");
