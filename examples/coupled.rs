@@ -9,8 +9,9 @@ use isolume::scene::{Coupling, Scene};
 use isolume::volume::{Volume, field};
 
 fn named(name: &str, field: &str) -> Result<Volume, Box<dyn std::error::Error>> {
-    let volume = field::by_name(field)?.ok_or("no such field")?.sample()?;
-    Ok(Volume { name: name.into(), ..volume })
+    let mut volume = field::by_name(field)?.ok_or("no such field")?.sample()?;
+    volume.name = name.into();
+    Ok(volume)
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -84,6 +84,27 @@ pub enum Error {
         /// What to do.
         remedy: String,
     },
+    /// A surface was to be lit whose texels a store does not have.
+    #[error(
+        "{}: {unbaked} of {lookups} lookups at isovalue {isovalue} meet texels that were never baked; {remedy}",
+        path.display()
+    )]
+    Unbaked {
+        /// The store.
+        path: PathBuf,
+        /// The isovalue, in the values of the file.
+        isovalue: f64,
+        /// Lookups that met such a texel.
+        unbaked: u64,
+        /// All lookups.
+        lookups: u64,
+        /// Whether the store holds all isovalues, at least of the chunks that were baked.
+        holds_all: bool,
+        /// The isovalues that it holds.
+        isovalues: Vec<f64>,
+        /// What to do.
+        remedy: String,
+    },
     /// Another process fills a store.
     #[error("store: given {}, locked by {holder}, expected a store that nobody else is filling; {remedy}", path.display())]
     Locked {

@@ -75,6 +75,7 @@
 //! | [`mod@compare`] | the store against paths and photons on the same surface, the budget of its errors | files |
 //! | [`study`] | what accuracy costs: settings against one reference, the front, the figure; where samples of a texture should lie | files, the clock |
 //! | [`export`] | GLB, PLY, PNG, VTI, NRRD, contact sheets, atomic files | volumes, SH, light |
+//! | [`session`] | a store, its surfaces, and light on them: meshes and pictures, step by step | the bake, the clock |
 //! | [`view`] | the live page and its data, as bytes | solvers, sockets |
 //! | `cli` | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
 //!
@@ -115,6 +116,7 @@ pub mod render;
 pub mod compare;
 pub mod study;
 pub mod export;
+pub mod session;
 pub mod view;
 #[cfg(feature = "cli")]
 pub mod cli;

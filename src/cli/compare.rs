@@ -8,12 +8,12 @@ use super::info::check_store;
 use super::inputs::Inputs;
 use super::isovalue::Isovalue;
 use super::light::{open_probe, parse_triple};
-use super::surface::Surface;
 use super::{Outcome, text};
 use crate::compare::{Comparison, Distance, PhotonComparison, Question, compare, compare_photons};
 use crate::error::Error;
 use crate::level::Pyramid;
 use crate::probe::Orientation;
+use crate::session::Isosurface;
 use crate::transfer::store::{EstimatorIdentity, Shadows, Store};
 use crate::transport::Settings;
 use picture::Shown;
@@ -124,7 +124,7 @@ impl Compare {
         let names: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
         let files = self.pictures.files(&volume.name, &isovalues, &names)?;
         for (i, &isovalue) in isovalues.iter().enumerate() {
-            let surface = Surface::new(&volume, &pyramid, layout.lattice, isovalue)?;
+            let surface = Isosurface::extract(&volume, &pyramid, isovalue)?;
             let points = surface.random_points(self.points, seed);
             for (p, probe) in probes.iter().enumerate() {
                 let start = Instant::now();

@@ -3,21 +3,24 @@
 use super::baking::{Told, fill, size_on_disk};
 use super::console::Console;
 use super::isovalue::Isovalue;
-use super::relight::{Relight, Relit};
-use super::{Cli, Command, Failure, Outcome, text};
+use super::light::open_probe;
+use super::{Outcome, text};
 use crate::bake::Request;
 use crate::error::Error;
 use crate::export::png::PngOptions;
 use crate::export::sheet::{SheetStyle, Tile, contact_sheet};
 use crate::export::{Image, atomic, png};
+use crate::relight::Material;
+use crate::render::View;
 use crate::scene::Effects;
+use crate::session::{LightOptions, LitOptions, MeshOptions, PictureOptions, Session};
+use crate::transfer::store::Store;
 use crate::transfer::{Lattice, Layers, Layout};
 use crate::transport::Settings;
 use crate::volume::{ReadHint, Volume, read};
-use clap::Parser;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Bake and relight a small brain, without any file
 ///
@@ -40,10 +43,10 @@ const ENVIRONMENTS: [&str; 3] = ["courtyard", "studio", "sunset"];
 /// Rays a texel: a draft, so that the bake takes well below a minute on two cores.
 const RAYS: u32 = 64;
 /// From the front left and a little above.
-const VIEW: &str = "30,15";
+const VIEW: [f64; 2] = [30.0, 15.0];
 /// Brings the brightest part of the environments before the brain.
-const ROTATE: &str = "240";
-const SIZE: &str = "376x324";
+const ROTATE: f64 = 240.0;
+const SIZE: [usize; 2] = [376, 324];
 
 impl Demo {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
@@ -57,37 +60,30 @@ impl Demo {
              Brain Imaging Centre, McGill University).",
             d[0], d[1], d[2]
         ));
-        let store = self.out.join("brain.isolume");
+        let path = self.out.join("brain.isolume");
         console.summary(format!(
             "\n2. Bake: the transfer of light at the texels that the isosurfaces {outer} and {inner} look up, {RAYS} rays \
              each, 4 layers (direct light and 3 bounces). No light is chosen yet."
         ));
-        let (lines, json, seconds_bake) = bake(&volume, &store, seed, console)?;
+        let (store, lines, json, seconds_bake) = bake(&volume, &path, seed, console)?;
         console.summary(indent(&lines));
         console
             .summary("\n3. Relight: environments multiplied with what is stored; nothing is traced but camera rays.");
-        let mut lit = Vec::new();
-        for (isovalue, environments) in [(outer, &ENVIRONMENTS[..]), (inner, &ENVIRONMENTS[2..])] {
-            for suffix in ["glb", "png"] {
-                let done = self.relight(&store, isovalue, environments, suffix, seed, console)?;
-                lit.push(done);
-            }
-        }
+        let lit = self.relight(&store, console)?;
         let mut rows = vec![["file", "isovalue", "light", "time", "noise"].map(String::from).to_vec()];
-        for file in lit.iter().flat_map(|l| &l.files) {
+        for file in &lit {
             rows.push(vec![
-                file.target.path.display().to_string(),
+                file.path.display().to_string(),
                 text::number(file.isovalue, 6),
-                file.env.clone(),
-                text::duration(file.times.total()),
-                text::percent(file.rms_over_mean),
+                file.environment.into(),
+                text::duration(file.time),
+                text::percent(file.noise),
             ]);
         }
         console.summary(indent(&text::table(&rows)));
-        let transport_rays: u64 = lit.iter().map(|l| l.transport_rays).sum();
-        console.summary(format!(
-            "   transport rays: {transport_rays}; noise: standard error of the radiance, RMS over the vertices, over its mean"
-        ));
+        console.summary(
+            "   transport rays: 0; noise: standard error of the radiance, RMS over the vertices, over its mean",
+        );
         let sheet = self.out.join("sheet.png");
         write_sheet(&lit, &sheet)?;
         let seconds = start.elapsed();
@@ -98,46 +94,85 @@ impl Demo {
             text::duration(seconds)
         ));
         console.print_json(&json!({
-            "store": store.display().to_string(),
+            "store": store.path().display().to_string(),
             "bake": json,
-            "files": lit.iter().flat_map(|l| &l.files).map(|f| json!({
-                "path": f.target.path.display().to_string(), "isovalue": f.isovalue, "environment": f.env,
-                "error_rms_over_mean": f.rms_over_mean, "seconds": f.times.total().as_secs_f64(),
+            "files": lit.iter().map(|f| json!({
+                "path": f.path.display().to_string(), "isovalue": f.isovalue, "environment": f.environment,
+                "error_rms_over_mean": f.noise, "seconds": f.time.as_secs_f64(),
             })).collect::<Vec<_>>(),
             "sheet": sheet.display().to_string(),
-            "transport_rays_of_relight": transport_rays,
+            "transport_rays_of_relight": 0,
             "seconds": { "bake": seconds_bake, "all": seconds.as_secs_f64() },
         }));
         Ok(())
     }
 
-    /// Runs the command that a user would type, and shows it.
-    fn relight(
-        &self,
-        store: &Path,
-        isovalue: f64,
-        environments: &[&str],
-        suffix: &str,
-        seed: u64,
-        console: &Console,
-    ) -> Outcome<Relit> {
-        let isovalue = isovalue.to_string();
+    /// Lights the surfaces and writes meshes and pictures of them.
+    fn relight(&self, store: &Store, console: &Console) -> Outcome<Vec<File>> {
+        let session = Session::open(store)?;
+        let light = LightOptions { rotation_degrees: ROTATE, ..LightOptions::default() };
+        let [azimuth, elevation] = VIEW;
+        let [width, height] = SIZE;
+        let view = View { azimuth, elevation };
+        let picture = PictureOptions { width, height, view, ..PictureOptions::default() };
+        let material = Material::new([0.7; 3], [0.0; 3])?;
+        let mut files = Vec::new();
+        for (isovalue, environments) in [(ISOVALUES[0], &ENVIRONMENTS[..]), (ISOVALUES[1], &ENVIRONMENTS[2..])] {
+            let surface = session.surface(isovalue)?;
+            for suffix in ["glb", "png"] {
+                self.show_command(store.path(), isovalue, environments, suffix, console);
+                for &environment in environments {
+                    let probe = open_probe(environment, false, None)?;
+                    let start = Instant::now();
+                    let lighting = session.light(&probe, &light)?;
+                    let lit = surface.lit(&lighting, &material, &LitOptions::default())?;
+                    let path = self.out.join(format!("brain-{isovalue}-{environment}.{suffix}"));
+                    let image = if suffix == "png" {
+                        let still = lit.picture(&picture)?;
+                        lit.write_png(&path, &still)?;
+                        Some(still.image)
+                    } else {
+                        lit.write_gltf(&path, &MeshOptions::default())?;
+                        None
+                    };
+                    let (time, noise) = (start.elapsed(), lit.rms_over_mean());
+                    files.push(File { path, isovalue, environment, time, noise, image });
+                }
+            }
+        }
+        Ok(files)
+    }
+
+    /// The command that does the same.
+    fn show_command(&self, store: &Path, isovalue: f64, environments: &[&str], suffix: &str, console: &Console) {
         let name = if environments.len() > 1 { "{env}" } else { environments[0] };
-        let output = self.out.join(format!("brain-{isovalue}-{name}.{suffix}"));
-        let (store, output) = (store.display().to_string(), output.display().to_string());
+        let output = self.out.join(format!("brain-{isovalue}-{name}.{suffix}")).display().to_string();
+        let (store, isovalue, rotate) = (store.display().to_string(), isovalue.to_string(), ROTATE.to_string());
+        let (view, size) = (VIEW.map(|v| v.to_string()).join(","), SIZE.map(|v| v.to_string()).join("x"));
         let mut line = vec!["isolume", "relight", &store, "--isovalue", &isovalue];
         for environment in environments {
             line.extend(["--env", environment]);
         }
-        line.extend(["--env-rotate", ROTATE]);
+        line.extend(["--env-rotate", &rotate]);
         if suffix == "png" {
-            line.extend(["--view", VIEW, "--size", SIZE]);
+            line.extend(["--view", &view, "--size", &size]);
         }
         line.extend(["-o", &output]);
         console.summary(format!("   $ {}", command_lines(&line)));
-        let relight = parse(&line)?;
-        relight.execute(seed, console)
     }
+}
+
+/// A file that was written.
+struct File {
+    path: PathBuf,
+    isovalue: f64,
+    environment: &'static str,
+    /// From the light to the file.
+    time: Duration,
+    /// Root mean square of the standard errors over the mean radiance.
+    noise: f64,
+    /// The picture, where it is one.
+    image: Option<Image>,
 }
 
 /// A command on lines that fit, as a shell takes them.
@@ -159,15 +194,7 @@ fn command_lines(words: &[&str]) -> String {
     lines.join(" \\\n")
 }
 
-fn parse(line: &[&str]) -> Outcome<Box<Relight>> {
-    match Cli::try_parse_from(line) {
-        Ok(Cli { command: Command::Relight(relight), .. }) => Ok(relight),
-        Ok(_) => Err(Failure::Message("the demo's own command is not relight; please report this".into())),
-        Err(e) => Err(Failure::Message(format!("the demo's own command is wrong, please report this: {e}"))),
-    }
-}
-
-fn bake(volume: &Volume, store: &Path, seed: u64, console: &Console) -> Outcome<(String, serde_json::Value, f64)> {
+fn bake(volume: &Volume, path: &Path, seed: u64, console: &Console) -> Outcome<(Store, String, Value, f64)> {
     let start = Instant::now();
     let layout = Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0)?, layers: Layers::uniform(4, 5)? };
     let settings = Settings { layers: layout.layers.clone(), rays: RAYS, seed, target: None, positive: false };
@@ -177,16 +204,15 @@ fn bake(volume: &Volume, store: &Path, seed: u64, console: &Console) -> Outcome<
         .collect::<Result<_, _>>()?;
     let effects = Effects::default();
     let job = Request { isovalues: Some(isovalues), ..Request::new(volume, VOLUME_NAME, layout, settings, &effects) };
-    let (_, report) = fill(&job, store, start, console)?;
-    let bytes = size_on_disk(store);
-    Ok((report.summary_line(bytes), report.json(bytes), start.elapsed().as_secs_f64()))
+    let (store, report) = fill(&job, path, start, console)?;
+    let bytes = size_on_disk(path);
+    Ok((store, report.summary_line(bytes), report.json(bytes), start.elapsed().as_secs_f64()))
 }
 
-fn write_sheet(lit: &[Relit], path: &Path) -> Outcome {
+fn write_sheet(lit: &[File], path: &Path) -> Outcome {
     let pictures: Vec<(&Image, String)> = lit
         .iter()
-        .flat_map(|l| &l.files)
-        .filter_map(|f| Some((f.image.as_ref()?, format!("isovalue {}, {}", f.isovalue, f.env))))
+        .filter_map(|f| Some((f.image.as_ref()?, format!("isovalue {}, {}", f.isovalue, f.environment))))
         .collect();
     let tiles: Vec<Tile<'_>> = pictures.iter().map(|(image, label)| Tile { image, label }).collect();
     let style = SheetStyle { columns: Some(2), margin: 16, ..SheetStyle::default() };

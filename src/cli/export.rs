@@ -4,9 +4,8 @@ use super::complete::Completeness;
 use super::console::Console;
 use super::info::check_store;
 use super::inputs::Inputs;
-use super::light::{LightArgs, MaterialArgs, open_probe};
+use super::light::{LightArgs, MaterialArgs, by_option, open_probe, sentence};
 use super::output::check_file;
-use super::scene_light::contracted as contracted_by;
 use super::{Outcome, text};
 use crate::error::Error;
 use crate::export::atomic;
@@ -14,6 +13,7 @@ use crate::export::field::{RadianceField, write_nrrd, write_raw, write_raw_heade
 use crate::probe::EnvFrame;
 use crate::relight::{LookupReport, Material};
 use crate::scene::MaterialRule;
+use crate::session::{Lighting, radiance_of_bricks};
 use crate::transfer::store::Store;
 use crate::transfer::{BRICK, BrickSource, BrickView, Lattice, Selection, validity};
 use crate::volume::Volume;
@@ -77,13 +77,12 @@ impl Export {
         };
         let material = Material::new(albedo, self.material.emission.map_or([0.0; 3], |e| e.0))?;
         let probe = open_probe(&self.env, self.light.keep_negative, self.light.layout)?;
-        let lighting = self.light.prepare(&probe, volume.up, &layout.layers, false)?;
-        lighting.notes.iter().for_each(|note| console.note(note));
+        let lighting =
+            Lighting::new(&probe, volume.up, &layout.layers, &self.light.options(false)).map_err(by_option)?;
+        lighting.notes().iter().for_each(|note| console.note(sentence(&probe.name, note)));
         let bricks = Selection::all(layout.lattice).bricks();
-        let mut contracted = contracted_by(&store, &bricks, &lighting, &material, &self.light.luminaires)?;
-        if lighting.certified {
-            contracted.clamp_negative();
-        }
+        let (contracted, _) =
+            radiance_of_bricks(&store, &bricks, &lighting, &material, &self.light.luminaires).map_err(by_option)?;
         let views = bricks.iter().map(|&b| store.brick(b)).collect::<Result<Vec<_>, Error>>()?;
         let (mut radiance, mut valid, mut values) = (Vec::new(), Vec::new(), Vec::new());
         let [mx, my, mz] = layout.lattice.texels();
@@ -93,7 +92,7 @@ impl Export {
             let at = layout.lattice.grid_from_texel(texel);
             let before = report;
             let rgb =
-                contracted.radiance_at(at.map(|v| v as f32), [0.0, 0.0, 1.0], &lighting.light, &material, &mut report);
+                contracted.radiance_at(at.map(|v| v as f32), [0.0, 0.0, 1.0], lighting.light(), &material, &mut report);
             let none = report.unoccluded > before.unoccluded;
             radiance.push(if none { [0.0; 3] } else { rgb });
             let has_level_set = is_valid(&views, layout.lattice, texel);
@@ -118,7 +117,7 @@ impl Export {
         let provenance = json!({
             "program": concat!("isolume ", env!("CARGO_PKG_VERSION")),
             "volume": volume.name, "store": store.identity().hash(), "environment": probe.name,
-            "env_rotate_degrees": self.light.env_rotate, "env_frame": EnvFrame::from(self.light.env_frame).name(), "window": self.light.window_name(),
+            "env_rotate_degrees": self.light.env_rotate, "env_frame": EnvFrame::from(self.light.env_frame).name(), "window": lighting.options().window.name(),
             "albedo": material.albedo, "emission": material.emission, "exposure_ev": f64::from(exposure).log2(),
             "noise_over_mean": contracted.noise.relative(),
         });

@@ -49,6 +49,13 @@ fn parts(error: &Error) -> (&'static str, Value) {
                 "remedy": remedy,
             }),
         ),
+        Error::Unbaked { path, isovalue, unbaked, lookups, holds_all, isovalues, remedy } => (
+            "unbaked",
+            json!({
+                "path": path.display().to_string(), "isovalue": isovalue, "unbaked": unbaked, "lookups": lookups,
+                "holds_all": holds_all, "isovalues": isovalues, "remedy": remedy,
+            }),
+        ),
         Error::Locked { path, holder, remedy } => {
             ("locked", json!({ "path": path.display().to_string(), "holder": holder, "remedy": remedy }))
         }

@@ -1,11 +1,11 @@
 //! What a bake will take and give: a short pilot on the user's own volume, for textures of several resolutions.
 
-use super::surface::Surface;
 use super::{Outcome, text};
 use crate::bake::{Estimator, bytes_of_texel, spread};
 use crate::error::Error;
 use crate::level::Pyramid;
 use crate::probe::{Orientation, Probe};
+use crate::session::Isosurface;
 use crate::study::Study;
 use crate::study::model::{Forecast, Pilot};
 use crate::transfer::{Lattice, Layers, Layout, Selection};
@@ -67,7 +67,7 @@ pub(super) fn pilots(
     let q = question;
     let lattices =
         ratios.iter().map(|&ratio| Lattice::from_ratio(q.volume.dims(), ratio)).collect::<Result<Vec<_>, Error>>()?;
-    let surface = Surface::new(q.volume, q.pyramid, lattices[0], q.isovalue)?;
+    let surface = Isosurface::extract(q.volume, q.pyramid, q.isovalue)?;
     let points = surface.random_points(POINTS, q.seed ^ 0x70);
     let source = q.probe.source(q.orientation);
     let bands = q.layers.max_bands();

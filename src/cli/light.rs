@@ -2,14 +2,11 @@
 
 use super::{Outcome, text};
 use crate::error::{Error, Result};
-use crate::geom::Up;
-use crate::probe::sun::{SunOptions, split_sun};
-use crate::probe::{self, EMBEDDED, EnvFrame, Layout, Orientation, Probe, ReadOptions};
-use crate::relight::{self, Exposure, Light, Material};
-use crate::render::SunLight;
+use crate::probe::{self, EMBEDDED, EnvFrame, Layout, Probe, ReadOptions};
+use crate::relight::{Exposure, Material};
 use crate::scene::{Colormap, MaterialRule};
+use crate::session::{LightNote, LightOptions, LuminaireFactor};
 use crate::sh::Window;
-use crate::transfer::Layers;
 use clap::ValueEnum;
 use std::path::Path;
 
@@ -32,8 +29,8 @@ pub(super) struct LightArgs {
     #[arg(long)]
     pub(super) sun_split: bool,
     /// Factor on the power of a luminaire of a scene, one number or three for red, green and blue, such as ceiling=2
-    #[arg(long = "luminaire", value_name = "NAME=FACTOR", value_parser = super::scene_light::parse_factor)]
-    pub(super) luminaires: Vec<super::scene_light::Factor>,
+    #[arg(long = "luminaire", value_name = "NAME=FACTOR", value_parser = parse_factor)]
+    pub(super) luminaires: Vec<LuminaireFactor>,
     /// Cut the light to this many bands [default: those of the store]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=crate::sh::MAX_BANDS as i64))]
     pub(super) bands: Option<u8>,
@@ -43,19 +40,6 @@ pub(super) struct LightArgs {
     /// Layout of environment images [default: from the file and its shape]
     #[arg(long, value_name = "LAYOUT", value_parser = parse_layout)]
     pub(super) layout: Option<Layout>,
-}
-
-/// Visibility rays for each surface point and sun.
-const SUN_RAYS: u32 = 16;
-
-/// A light ready to be contracted, and the suns that were split off it.
-pub(super) struct Lighting {
-    pub(super) light: Light,
-    pub(super) suns: Vec<SunLight>,
-    /// Whether the light is proven nowhere negative.
-    pub(super) certified: bool,
-    /// What was done, for the user.
-    pub(super) notes: Vec<String>,
 }
 
 /// A window by name.
@@ -68,13 +52,13 @@ pub(super) enum WindowName {
     Certified,
 }
 
-impl WindowName {
-    fn window(self) -> Window {
-        match self {
-            Self::None => Window::None,
-            Self::Lanczos => Window::Lanczos,
-            Self::Hanning => Window::Hanning,
-            Self::Certified => Window::Certified,
+impl From<WindowName> for Window {
+    fn from(name: WindowName) -> Self {
+        match name {
+            WindowName::None => Self::None,
+            WindowName::Lanczos => Self::Lanczos,
+            WindowName::Hanning => Self::Hanning,
+            WindowName::Certified => Self::Certified,
         }
     }
 }
@@ -119,58 +103,70 @@ pub(super) fn open_probe(argument: &str, keep_negative: bool, layout: Option<Lay
 }
 
 impl LightArgs {
-    /// How environments stand around a volume.
-    pub(super) fn orientation(&self, up: Up) -> Result<Orientation> {
-        Ok(Orientation::new(up, self.env_rotate)?.in_frame(self.env_frame.into()))
+    /// How environments light; `split`: with dominant lamps apart.
+    pub(super) fn options(&self, split: bool) -> LightOptions {
+        LightOptions {
+            rotation_degrees: self.env_rotate,
+            frame: self.env_frame.into(),
+            bands: self.bands.map(usize::from),
+            window: self.window.into(),
+            split_sun: split,
+        }
     }
+}
 
-    /// The light of a probe in world axes, cut and windowed at the band limit of each layer; `split`: without its
-    /// dominant lamps.
-    pub(super) fn prepare(&self, probe: &Probe, up: Up, layers: &Layers, split: bool) -> Result<Lighting> {
-        if self.keep_negative && self.window == WindowName::Certified {
-            let expected = "one of the two";
-            let remedy = "light with negative pixels cannot be certified; leave one option out";
-            return Err(Error::argument("--window certified", "--keep-negative as well", expected, remedy));
-        }
-        let most = layers.max_bands();
-        let bands = self.bands.map_or(most, |b| usize::from(b).min(most));
-        let orientation = self.orientation(up)?;
-        let whole = probe.coefficients_in_world(bands, orientation);
-        let mut notes = Vec::new();
-        let mut suns = Vec::new();
-        let mut direct = whole.clone();
-        if split {
-            let split = split_sun(probe, &SunOptions { bands, ..SunOptions::default() });
-            if split.suns.is_empty() {
-                notes.push(format!("{}: no sun was split off: {}", probe.name, split.stopped));
-            } else {
-                direct = split.rest.coefficients_in_world(bands, orientation);
-            }
-            for s in &split.suns {
-                let (share, radius) = (text::percent(s.flux_share), s.sun.angular_radius.to_degrees());
-                notes.push(format!(
-                    "{}: a lamp of radius {radius:.2}° with {share} of the light is lit apart",
-                    probe.name
-                ));
-                suns.push(SunLight::new(&s.sun, orientation, SUN_RAYS));
-            }
-        }
-        let prepared = relight::prepare(&direct, &whole, layers, self.window.window())?;
-        if self.window != WindowName::None {
-            let kept = prepared.least_kept().kept;
-            let (energy, contrast) = (text::percent(kept.energy), text::percent(kept.contrast));
-            notes.push(format!(
-                "{}: the window keeps {energy} of the energy and {contrast} of the contrast",
-                probe.name
-            ));
-        }
-        Ok(Lighting { light: prepared.light, suns, certified: self.window == WindowName::Certified, notes })
+/// What was done to the light of a probe, in a sentence.
+pub(super) fn sentence(probe: &str, note: &LightNote) -> String {
+    match note {
+        LightNote::NoSun(why) => format!("{probe}: no sun was split off: {why}"),
+        LightNote::Sun { share, angular_radius } => format!(
+            "{probe}: a lamp of radius {:.2}° with {} of the light is lit apart",
+            angular_radius.to_degrees(),
+            text::percent(*share)
+        ),
+        LightNote::Window(kept) => format!(
+            "{probe}: the window keeps {} of the energy and {} of the contrast",
+            text::percent(kept.energy),
+            text::percent(kept.contrast)
+        ),
+        LightNote::Clamped(clamped) => format!(
+            "{probe}: {} of {} texels were below 0 by noise or rounding and are 0 now, {} of the energy",
+            text::count(clamped.texels),
+            text::count(clamped.of_texels),
+            text::percent(clamped.energy)
+        ),
     }
+}
 
-    /// For the record of a file.
-    pub(super) fn window_name(&self) -> &'static str {
-        self.window.window().name()
+/// The library's refusal with the names of the options.
+pub(super) fn by_option(error: Error) -> Error {
+    let Error::Argument { name, given, expected, remedy } = error else { return error };
+    let (option, given, remedy) = match name.as_str() {
+        "window" => ("--window", given, "leave out --keep-negative, or take another --window".into()),
+        "luminaire" => ("--luminaire", given, remedy),
+        "sun split" => ("--sun-split", given, remedy),
+        "isovalue" => ("--isovalue", given, remedy),
+        "transfer" => ("--transfer", given, remedy),
+        "scale bar" => ("--scale-bar", "with --perspective".into(), "leave out --perspective or the bar".into()),
+        other => (other, given, remedy),
+    };
+    Error::argument(option, given, expected, remedy)
+}
+
+/// Reads NAME=FACTOR or NAME=R,G,B.
+fn parse_factor(argument: &str) -> std::result::Result<LuminaireFactor, String> {
+    let expected = "give the name of a luminaire and a factor, such as ceiling=2 or ceiling=1,0.8,0.6";
+    let (name, numbers) = argument.split_once('=').ok_or(expected)?;
+    let numbers: Option<Vec<f64>> = numbers.split(',').map(|n| n.trim().parse().ok()).collect();
+    let factor = match numbers.as_deref() {
+        Some(&[one]) => [one; 3],
+        Some(&[r, g, b]) => [r, g, b],
+        _ => return Err(expected.into()),
+    };
+    if name.is_empty() || !factor.iter().all(|f| f.is_finite() && *f >= 0.0) {
+        return Err("factors are finite and not negative; 0 switches a luminaire off".into());
     }
+    Ok(LuminaireFactor { luminaire: name.into(), factor })
 }
 
 /// What the surface is made of.

@@ -5,19 +5,6 @@
 //! line was wrong; 1: anything else, with one line `error: …`; 128 + n: stopped by signal n, in a state that the same
 //! command goes on from. Under `--json` a failure is a document on standard output too: `{"error": {"kind": …}}`.
 
-/// Runs `$body` with `$s` bound to the typed slice of a volume's samples.
-macro_rules! with_samples {
-    ($samples:expr, $s:ident => $body:expr) => {
-        match $samples {
-            $crate::volume::Samples::U8($s) => $body,
-            $crate::volume::Samples::I8($s) => $body,
-            $crate::volume::Samples::U16($s) => $body,
-            $crate::volume::Samples::I16($s) => $body,
-            $crate::volume::Samples::F32($s) => $body,
-        }
-    };
-}
-
 mod baking;
 mod bake;
 mod cache;
@@ -45,15 +32,10 @@ mod output;
 mod picture;
 mod plan;
 mod relight;
-mod relightable;
 mod replay;
 mod scene;
-mod scene_light;
-mod scene_walls;
 mod signals;
-mod still;
 mod study;
-mod surface;
 mod text;
 mod verify;
 mod view;

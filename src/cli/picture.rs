@@ -1,14 +1,12 @@
 //! Pictures as options.
 
-use super::surface::Surface;
 use super::text;
 use crate::error::{Error, Result};
 use crate::geom::Up;
-use crate::render::{Camera, Projection, View};
+use crate::render::{Projection, View};
 use crate::scene::srgb;
-use crate::volume::Volume;
+use crate::session::{Background, Framing, PictureOptions, Tone};
 use clap::ValueEnum;
-use glam::{DMat3, DVec3};
 use std::path::{Path, PathBuf};
 
 /// From where a surface is seen.
@@ -80,7 +78,7 @@ pub(super) struct PictureArgs {
     pub(super) supersampling: u8,
     /// From exposed radiance to colour: cut at white, or bent towards it
     #[arg(long, value_enum, default_value = "none")]
-    pub(super) tone: Tone,
+    pub(super) tone: ToneName,
     /// Draw a bar of a round length
     #[arg(long)]
     pub(super) scale_bar: bool,
@@ -101,24 +99,9 @@ pub(super) enum Cap {
     Open,
 }
 
-/// What is behind the surface.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Background {
-    /// Linear, with alpha.
-    Colour([f32; 4]),
-    Environment,
-}
-
-impl Background {
-    /// Whether something of it lets through.
-    pub(super) fn is_transparent(self) -> bool {
-        matches!(self, Self::Colour([.., alpha]) if alpha < 1.0)
-    }
-}
-
-/// A tone curve.
+/// A tone curve by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum Tone {
+pub(super) enum ToneName {
     /// Linear up to white
     None,
     /// Reinhard and others 2002, equation 4, by luminance; four times white becomes white
@@ -127,22 +110,12 @@ pub(super) enum Tone {
     Filmic,
 }
 
-impl Tone {
-    /// Linear colour in [0, 1] of exposed radiance.
-    pub(super) fn apply(self, exposed: [f32; 3]) -> [f32; 3] {
-        let exposed = exposed.map(|v| v.max(0.0));
-        match self {
-            Self::None => exposed.map(|v| v.min(1.0)),
-            Self::Reinhard => {
-                let [r, g, b] = exposed;
-                let luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b;
-                let factor = (1.0 + luminance / 16.0) / (1.0 + luminance);
-                exposed.map(|v| (v * factor).min(1.0))
-            }
-            Self::Filmic => exposed.map(|v| {
-                let x = 0.6 * v;
-                ((x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)).clamp(0.0, 1.0)
-            }),
+impl From<ToneName> for Tone {
+    fn from(name: ToneName) -> Self {
+        match name {
+            ToneName::None => Self::None,
+            ToneName::Reinhard => Self::Reinhard,
+            ToneName::Filmic => Self::Filmic,
         }
     }
 }
@@ -218,24 +191,42 @@ impl ViewArgs {
 }
 
 impl PictureArgs {
-    /// The camera asked for, at a view; on a turntable what is seen keeps its size.
-    pub(super) fn camera(&self, surface: &Surface, volume: &Volume, up: Up, view: View) -> Camera {
-        let (aspect, projection) = (self.seen.size.0 as f64 / self.seen.size.1 as f64, self.seen.projection());
-        let bounds = volume.world_bounds();
-        if self.turntable.is_some() {
-            // The box at all its turns: the same extent from every side.
-            let points = (0..8 * TURNS).map(|i| {
-                let corner = [0, 1, 2].map(|a| if i >> a & 1 == 0 { bounds.min[a] } else { bounds.max[a] });
-                let angle = std::f64::consts::TAU * (i / 8) as f64 / TURNS as f64;
-                let turn = DMat3::from_axis_angle(up.axis(), angle);
-                bounds.centre() + turn * (DVec3::from_array(corner) - bounds.centre())
-            });
-            return Camera::framing_points(points, up, view, projection, aspect);
+    /// A picture of what has `up` up; `turned` by so many degrees on a turntable. `wall_paths` is the most paths of
+    /// what is seen of walls.
+    pub(super) fn options(&self, up: Up, turned: f64, wall_paths: u32) -> PictureOptions {
+        let mut view = self.seen.view.view(up);
+        if self.turn == Turn::View {
+            view.azimuth += turned;
         }
-        match self.frame {
-            Frame::Surface => surface.camera(volume, up, view, projection, aspect),
-            Frame::Box => Camera::framing(&bounds, up, view, projection, aspect),
+        let framing = match self.frame {
+            // On a turntable what is seen keeps its size.
+            _ if self.turntable.is_some() => Framing::Turntable,
+            Frame::Surface => Framing::Surface,
+            Frame::Box => Framing::Box,
+        };
+        PictureOptions {
+            width: self.seen.size.0,
+            height: self.seen.size.1,
+            view,
+            projection: self.seen.projection(),
+            framing,
+            cap: self.cap == Cap::Flat,
+            supersampling: usize::from(self.supersampling),
+            background: self.background,
+            tone: self.tone.into(),
+            scale_bar: self.scale_bar,
+            wall_paths,
         }
+    }
+
+    /// Whether a turntable turns the light.
+    pub(super) fn turns_light(&self) -> bool {
+        self.turn == Turn::Light
+    }
+
+    /// How far a turntable is turned in a picture, in degrees.
+    pub(super) fn degrees_of_frame(&self, frame: u32) -> f64 {
+        self.turntable.map_or(0.0, |n| 360.0 * f64::from(frame) / f64::from(n))
     }
 
     /// Pictures to make.
@@ -269,9 +260,6 @@ impl PictureArgs {
 
 /// Stands for the number of a turntable's picture.
 const FRAME: &str = "{frame}";
-/// Turns of the box that a turntable's camera has in view.
-const TURNS: usize = 72;
-
 /// Refuses a picture that is too large for its memory.
 pub(super) fn check_size(size: (usize, usize), limit: Option<u64>) -> Result<()> {
     let needed = (size.0 * size.1 * 40) as u64;

@@ -9,13 +9,13 @@ use super::input::VolumeArgs;
 use super::isovalue::Isovalue;
 use super::light::{open_probe, parse_triple};
 use super::options::{check_memory, parse_bytes};
-use super::surface::Surface;
 use super::{Outcome, output, text};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::sampling::statistics::Running;
+use crate::session::Isosurface;
 use crate::study::figure::{Caption, Kept, Mark, on_front, svg};
 use crate::study::{Measured, References, Setting, Study as Bench};
 use crate::transfer::precision::bytes_of_texel;
@@ -155,7 +155,7 @@ impl Study {
         self.check_memory(volume, chosen.value, &settings)?;
         let (source, most) = (probe.source(orientation), most_bands(&settings));
         let coefficients = probe.coefficients_in_world(most, orientation);
-        let surface = Surface::new(volume, &pyramid, Lattice::from_ratio(volume.dims(), 1.0)?, chosen.value)?;
+        let surface = Isosurface::extract(volume, &pyramid, chosen.value)?;
         let points = surface.random_points(if self.quick { self.points.min(400) } else { self.points }, seed);
         let bench = Bench {
             volume,

@@ -1,6 +1,7 @@
 //! Numbers, tables and names as people read them.
 
 pub(super) use crate::scene::nearest;
+pub(super) use crate::session::number;
 use std::time::Duration;
 
 /// 12345678 → "12,345,678".
@@ -45,20 +46,6 @@ pub(super) fn rate(rays: f64, time: Duration) -> String {
 pub(super) fn duration(time: Duration) -> String {
     let seconds = time.as_secs_f64();
     if seconds < 1.0 { format!("{:.1} ms", 1e3 * seconds) } else { format!("{seconds:.2} s") }
-}
-
-/// A number to about `digits` significant digits, without trailing zeros, never with more than needed.
-pub(super) fn number(value: f64, digits: usize) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return value.to_string();
-    }
-    let magnitude = value.abs().log10().floor() as i32;
-    if !(-5..15).contains(&magnitude) {
-        return format!("{:.*e}", digits.saturating_sub(1), value);
-    }
-    let decimals = (digits as i32 - 1 - magnitude).clamp(0, 17) as usize;
-    let text = format!("{value:.decimals$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_string() } else { text }
 }
 
 /// A share as a percentage; what is above 100 % only says so.

@@ -57,6 +57,8 @@ pub const LAYERS: &[Layer] = &[
             "study",
         ],
     ),
+    // Not how a store came about.
+    layer("session", &["bake", "compare", "study"]),
     layer("view", &["transport"]),
     layer("cli", &[]),
 ];
@@ -149,6 +151,7 @@ pub const RAYON_FILES: &[(&str, &str)] = &[
     ("src/relight/", "bricks to contract, vertices to look up"),
     ("src/render/", "rows of a picture"),
     ("src/export/mod.rs", "records of a stream"),
+    ("src/session/", "vertices to place, and figures of them"),
     ("src/cli/", "the pool of threads"),
 ];
 

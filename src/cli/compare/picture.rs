@@ -2,7 +2,6 @@
 
 use crate::cli::inputs::Inputs;
 use crate::cli::output::{self, Target};
-use crate::cli::surface::Surface;
 use crate::cli::{Outcome, picture, text};
 use crate::compare::{PhotonQuestion, Question, by_store};
 use crate::error::{Error, Result};
@@ -13,6 +12,7 @@ use crate::export::{Image, atomic, gltf, png};
 use crate::relight::Exposure;
 use crate::render::{SeenPoint, seen_points};
 use crate::scene::Colormap;
+use crate::session::Isosurface;
 use crate::transport::{DirectSettings, SurfacePoint, direct};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -68,7 +68,7 @@ impl Files {
 /// What is shown.
 pub(super) struct Shown<'a> {
     pub(super) question: &'a Question<'a>,
-    pub(super) surface: &'a Surface,
+    pub(super) surface: &'a Isosurface,
     /// The reference, where it is photons; else paths.
     pub(super) photons: Option<&'a PhotonQuestion>,
     /// What differences are measured by.
@@ -157,7 +157,7 @@ impl PictureOutput {
 
     fn write_glb(&self, path: &Path, shown: &Shown<'_>) -> Outcome {
         let (q, surface, mean) = (shown.question, shown.surface, shown.mean);
-        let mesh = &surface.mesh;
+        let mesh = surface.mesh();
         let vertices = mesh.positions_in_grid.iter().zip(&mesh.normals);
         let points: Vec<SurfacePoint> =
             vertices.map(|(p, n)| SurfacePoint { position_in_grid: *p, normal: *n }).collect();

@@ -6,9 +6,6 @@ mod lobes;
 mod report;
 mod work;
 
-pub(super) use file::Written;
-pub(super) use joint::Companion;
-
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::inputs::Inputs;
@@ -16,16 +13,16 @@ use super::isovalue::{Chosen, Isovalue, NamedIsovalue, check_count};
 use super::light::{LightArgs, MaterialArgs, open_probe};
 use super::options::TransferArgs;
 use super::picture::PictureArgs;
-use super::surface::Surface;
 use super::{Failure, Outcome, info, options, text};
 use crate::error::Error;
 use crate::probe::{Probe, SunOptions, split_sun};
 use crate::scene::geometry::Geometry;
 use crate::scene::{EmissionRule, MaterialRule, Scene, SceneFile};
+use crate::session::{MeshOptions, Part, Session};
 use crate::transfer::store::{FRONT_NOT_RECORDED, Store};
 use crate::volume::Volume;
 use crate::volume::isovalue::Level;
-use joint::Members;
+use file::Written;
 use report::report;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -120,13 +117,50 @@ struct MeshArgs {
 /// Share of the light of a lamp that dominates.
 const DOMINANT: f64 = 0.15;
 
+impl MeshArgs {
+    fn options(&self) -> MeshOptions {
+        MeshOptions {
+            radiance: self.radiance,
+            float_colour: self.float_color,
+            transfer: self.transfer,
+            scale: self.scale,
+        }
+    }
+}
+
 /// What a run of the command did.
-pub(in crate::cli) struct Relit {
-    pub(in crate::cli) surfaces: Vec<Surface>,
-    pub(in crate::cli) files: Vec<Written>,
-    pub(in crate::cli) read_time: Duration,
-    pub(in crate::cli) transport_rays: u64,
+struct Relit {
+    surfaces: Vec<LitSurface>,
+    files: Vec<Written>,
+    read_time: Duration,
+    transport_rays: u64,
     drafts: Vec<Draft>,
+}
+
+/// An isosurface in numbers.
+struct LitSurface {
+    isovalue: f64,
+    vertices: u64,
+    triangles: u64,
+    bricks: u64,
+    below_a_texel: f64,
+    extract_time: Duration,
+    select_time: Duration,
+}
+
+impl LitSurface {
+    fn new(part: &Part, extract_time: Duration, select_time: Duration) -> Self {
+        let mesh = part.isosurface().mesh();
+        Self {
+            isovalue: part.isosurface().isovalue(),
+            vertices: mesh.positions_in_grid.len() as u64,
+            triangles: mesh.triangles.len() as u64,
+            bricks: part.bricks().len() as u64,
+            below_a_texel: part.below_a_texel(),
+            extract_time,
+            select_time,
+        }
+    }
 }
 
 /// A first version of the files, written before the bake was done.
@@ -139,13 +173,12 @@ struct Draft {
 
 impl Relight {
     pub(in crate::cli) fn run(&self, seed: u64, console: &Console) -> Outcome {
-        let done = self.execute(seed, console)?;
-        done.print(console);
+        report(console, &self.execute(seed, console)?);
         Ok(())
     }
 
     /// Lights and writes; prints no result.
-    pub(in crate::cli) fn execute(&self, seed: u64, console: &Console) -> Outcome<Relit> {
+    fn execute(&self, seed: u64, console: &Console) -> Outcome<Relit> {
         let start = Instant::now();
         if let Some(scale) = self.mesh.scale
             && !(scale.is_finite() && scale > 0.0)
@@ -162,8 +195,8 @@ impl Relight {
             self.volume.options().refuse_for("a store")?;
             self.refuse_effects_of_bakes()?;
             let store = Store::open(&self.input)?;
-            if let Some(members) = Members::of(&store)? {
-                return self.light_members(members, None, 0, &probes, start, console);
+            if store.identity().scene.as_ref().is_some_and(|scene| scene.coupling.is_some()) {
+                return self.light_members(&store, None, 0, &probes, start, console);
             }
             self.refuse_names("the store holds one volume alone")?;
             let volume = store.volume()?;
@@ -234,10 +267,7 @@ impl Relight {
         console: &Console,
     ) -> Outcome<Relit> {
         let baked = joint::bake(self, scene, seed, start, console)?;
-        let Some(members) = Members::of(&baked.store)? else {
-            return Err(Failure::Message("a scene of several volumes was baked as one".into()));
-        };
-        let done = self.light_members(members, baked.geometry.as_ref(), baked.rays, probes, start, console)?;
+        let done = self.light_members(&baked.store, baked.geometry.as_ref(), baked.rays, probes, start, console)?;
         baked.cache.tidy(console);
         drop(baked.in_use);
         Ok(done)
@@ -272,7 +302,7 @@ impl Relight {
     /// Lights the volumes of a store together, or the one that is named.
     fn light_members(
         &self,
-        members: Members,
+        store: &Store,
         geometry: Option<&Geometry>,
         transport_rays: u64,
         probes: &[Probe],
@@ -284,23 +314,20 @@ impl Relight {
                 let remedy = "leave out one of them";
                 return Err(Error::argument("--isovalue", format!("{other}=…"), format!("{name}=…"), remedy).into());
             }
-            let store = members.take(name)?;
+            let store = store.of_volume(name)?;
             let volume = store.volume()?;
             let chosen = self.isovalues_of_store(&store, &volume)?;
             let work = Work::new(self, &volume, &chosen, probes, start, console)?;
             return work.light(&Source { store, transport_rays }, Vec::new());
         }
-        let resolved = self.isovalue.iter().map(|i| members.resolve(i)).collect::<Result<Vec<_>, Error>>()?;
+        let session = Session::open(store)?.with_geometry(geometry);
+        let up = self.volume.options().up_of(session.up())?;
+        let session = session.with_up(up);
+        let volume = session.members()[0].volume();
+        let resolved = self.isovalue.iter().map(|i| joint::resolve(&session, i)).collect::<Result<Vec<_>, Error>>()?;
         let (chosen, isovalues): (Vec<Chosen>, Vec<Vec<f64>>) = resolved.into_iter().unzip();
-        let Some((first, others)) = members.split() else {
-            return Err(Failure::Message("a store without volumes".into()));
-        };
-        let mut work = Work::new(self, &first.volume, &chosen, probes, start, console)?;
-        work.geometry = geometry;
-        work.companions = others;
-        work.companion_isovalues = isovalues.into_iter().map(|all| all[1..].to_vec()).collect();
-        let store = first.store.of_volume(&first.volume.name)?;
-        work.light(&Source { store, transport_rays }, Vec::new())
+        let work = Work::new(self, volume, &chosen, probes, start, console)?;
+        work.light_in(&session, &isovalues, transport_rays, Vec::new())
     }
 
     /// Names of volumes make sense only where there are several.
@@ -428,11 +455,5 @@ impl Relight {
             }
             resolved => resolved,
         }
-    }
-}
-
-impl Relit {
-    fn print(&self, console: &Console) {
-        report(console, self);
     }
 }

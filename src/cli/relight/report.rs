@@ -19,7 +19,7 @@ fn relative(error: f64) -> String {
 }
 
 /// JSON has no infinity: it becomes null.
-pub(super) fn finite(value: f64) -> Option<f64> {
+fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
@@ -38,7 +38,7 @@ fn print(console: &Console, relit: &Relit) {
             text::number(w.isovalue, 6),
             w.env,
             text::percent(noise),
-            w.exposure.log2(),
+            w.exposure_ev,
             text::duration(time)
         ),
         all => format!(
@@ -52,9 +52,9 @@ fn print(console: &Console, relit: &Relit) {
         console.detail(format!("\nisovalue {}", text::number(s.isovalue, 6)));
         let found = format!(
             "{} vertices, {} triangles, {} bricks of texels",
-            text::count(s.mesh.positions_in_grid.len() as u64),
-            text::count(s.mesh.triangles.len() as u64),
-            text::count(s.bricks.len() as u64),
+            text::count(s.vertices),
+            text::count(s.triangles),
+            text::count(s.bricks),
         );
         let times = format!("extract {}, select {}", text::duration(s.extract_time), text::duration(s.select_time));
         console.detail(text::table(&[vec!["surface".into(), found], vec!["time".into(), times]]));
@@ -93,7 +93,7 @@ fn details(w: &Written) -> String {
         text::count(w.report.unoccluded),
         text::count(w.report.unbaked),
     );
-    let light = format!("{}, isovalue {}, exposure {:+.2} EV", w.env, text::number(w.isovalue, 6), w.exposure.log2());
+    let light = format!("{}, isovalue {}, exposure {:+.2} EV", w.env, text::number(w.isovalue, 6), w.exposure_ev);
     let rows = [("light", light), ("noise", noise), ("lookups", lookups), ("time", times.join(", "))];
     text::table(&rows.map(|(name, text)| vec![name.to_string(), text]))
 }
@@ -145,9 +145,9 @@ pub(super) fn report(console: &Console, relit: &Relit) {
     console.print_json(&json!({
         "surfaces": surfaces.iter().map(|s| json!({
             "isovalue": s.isovalue,
-            "vertices": s.mesh.positions_in_grid.len(),
-            "triangles": s.mesh.triangles.len(),
-            "bricks": s.bricks.len(),
+            "vertices": s.vertices,
+            "triangles": s.triangles,
+            "bricks": s.bricks,
             "seconds": { "extract": s.extract_time.as_secs_f64(), "select": s.select_time.as_secs_f64() },
         })).collect::<Vec<_>>(),
         "files": written.iter().map(file_json).collect::<Vec<_>>(),
@@ -167,7 +167,7 @@ fn file_json(w: &Written) -> Value {
         "isovalue": w.isovalue,
         "environment": w.env,
         "bytes": w.bytes,
-        "exposure_ev": f64::from(w.exposure).log2(),
+        "exposure_ev": w.exposure_ev,
         "error": {
             "rms_over_mean": w.rms_over_mean,
             "median_relative": finite(w.error.median),

@@ -1,8 +1,7 @@
 //! What one run does: the bake of what is missing, drafts first, and every surface under every light.
 
 use super::file::Context;
-use super::joint::{Companion, Member};
-use super::{Draft, Relight, Relit};
+use super::{Draft, LitSurface, Relight, Relit};
 use crate::bake::{Goal, Request, Writing, layout_of_scene};
 use crate::cli::baking::{self, Told};
 use crate::cli::cache::{Cache, Filled, InUse};
@@ -11,14 +10,14 @@ use crate::cli::isovalue::{Chosen, tell};
 use crate::cli::output::{Format, Target, make_folder, targets};
 use crate::cli::picture::check_size;
 use crate::cli::scene;
-use crate::cli::surface::Surface;
-use crate::cli::{Outcome, text};
+use crate::cli::{Outcome, options, text};
 use crate::error::Error;
 use crate::geom::Up;
 use crate::level::Pyramid;
 use crate::probe::Probe;
 use crate::scene::geometry::Geometry;
 use crate::scene::{Effects, EmissionRule, MaterialRule};
+use crate::session::{Part, Session, Surface};
 use crate::transfer::store::Store;
 use crate::transfer::{Lattice, Layout};
 use crate::transport::Settings;
@@ -51,9 +50,6 @@ pub(super) struct Work<'a> {
     console: &'a Console,
     /// What stands around the volume, where it is known.
     pub(super) geometry: Option<&'a Geometry>,
-    /// Other volumes that are lit with this one, and their isovalues for each of its own.
-    pub(super) companions: &'a [Member],
-    pub(super) companion_isovalues: Vec<Vec<f64>>,
 }
 
 impl<'a> Work<'a> {
@@ -101,43 +97,62 @@ impl<'a> Work<'a> {
             read_time,
             console,
             geometry: None,
-            companions: &[],
-            companion_isovalues: Vec::new(),
         })
     }
 
-    /// Lights every isosurface from a store by every environment and writes the files.
+    /// Lights every isosurface of the volume from a store by every environment and writes the files.
     pub(super) fn light(&self, source: &Source, drafts: Vec<Draft>) -> Outcome<Relit> {
-        let context = Context {
-            command: self.command,
-            store: &source.store,
-            volume: self.volume,
-            pyramid: &self.pyramid,
-            rule: &self.rule,
-            emission: &self.emission,
-            up: self.up,
-            bake_hint: self.command.input.clone(),
-            geometry: self.geometry,
-        };
+        let session = Session::alone(&source.store, self.volume, &self.pyramid);
+        let session = session.with_up(self.up).with_geometry(self.geometry);
+        let isovalues: Vec<Vec<f64>> = self.isovalues.iter().map(|&c| vec![c]).collect();
+        self.light_in(&session, &isovalues, source.transport_rays, drafts)
+    }
+
+    /// Lights isosurfaces, of which each has an isovalue for every volume of a session.
+    pub(super) fn light_in(
+        &self,
+        session: &Session<'_>,
+        isovalues: &[Vec<f64>],
+        transport_rays: u64,
+        drafts: Vec<Draft>,
+    ) -> Outcome<Relit> {
+        let context = Context { command: self.command, session, rule: &self.rule, emission: &self.emission };
         self.command.output.iter().try_for_each(|output| make_folder(output))?;
         let mut surfaces = Vec::new();
         let mut written = Vec::new();
         let mut files = all_targets(self.command, self.volume, &self.isovalues, &self.environments)?.into_iter();
-        for (i, &isovalue) in self.isovalues.iter().enumerate() {
-            let others = self.companions.iter().zip(self.companion_isovalues.get(i).into_iter().flatten());
-            let companions = others.map(|(m, c)| Companion::new(m, *c)).collect::<Result<Vec<_>, Error>>()?;
-            let surface = Surface::new(self.volume, &self.pyramid, source.store.layout().lattice, isovalue)?;
-            surface.check_memory(self.volume, self.command.transfer.memory_limit)?;
+        for isovalues in isovalues {
+            let surface = self.surface(session, isovalues, &mut surfaces)?;
             for (probe, targets) in self.probes.iter().zip(files.by_ref()) {
                 for target in targets {
-                    written.push(context.light(&surface, &companions, probe, target)?);
+                    written.push(context.light(&surface, probe, target)?);
                 }
             }
-            surfaces.push(surface);
-            surfaces.extend(companions.into_iter().map(|companion| companion.surface));
         }
-        let (read_time, transport_rays) = (self.read_time, source.transport_rays);
-        Ok(Relit { surfaces, files: written, read_time, transport_rays, drafts })
+        Ok(Relit { surfaces, files: written, read_time: self.read_time, transport_rays, drafts })
+    }
+
+    /// Extracts the isosurface of every volume and finds its texels; what is told of it goes into `told`.
+    fn surface<'s>(
+        &self,
+        session: &'s Session<'s>,
+        isovalues: &[f64],
+        told: &mut Vec<LitSurface>,
+    ) -> Outcome<Surface<'s>> {
+        let mut parts: Vec<Part> = Vec::new();
+        for (member, &isovalue) in session.members().iter().zip(isovalues) {
+            let start = Instant::now();
+            let isosurface = member.extract(isovalue)?;
+            let extract_time = start.elapsed();
+            let start = Instant::now();
+            let part = member.select(isosurface);
+            told.push(LitSurface::new(&part, extract_time, start.elapsed()));
+            parts.push(part);
+        }
+        let surface = session.surface_of(parts)?;
+        let what = format!("relighting isovalue {}", text::number(isovalues[0], 8));
+        options::check_memory(&what, surface.bytes_of_lighting(), self.command.transfer.memory_limit)?;
+        Ok(surface)
     }
 
     /// Bakes what the isosurfaces need, coarsely first where the whole takes long, and lights them each time.

@@ -5,7 +5,6 @@ use crate::cli::input::VolumeArgs;
 use crate::cli::isovalue::Isovalue;
 use crate::cli::light::{Triple, open_probe, parse_triple};
 use crate::cli::options::{Texture, check_memory, default_memory_limit, parse_bytes, parse_rays, parse_texture};
-use crate::cli::surface::Surface;
 use crate::cli::{Failure, Outcome, input, output, text};
 use crate::error::Error;
 use crate::export::atomic;
@@ -16,6 +15,7 @@ use crate::sampling::statistics::Running;
 use crate::scene::Effects;
 use crate::scene::geometry::Geometry;
 use crate::scene::{DARK, Scene, SceneFile};
+use crate::session::Isosurface;
 use crate::study::placements::{LEVEL_SETS, Placement, Route, RouteFound, RouteReference};
 use crate::transfer::Lattice;
 use cpu_time::ProcessTime;
@@ -138,7 +138,7 @@ impl PlacementsArgs {
         let source = probe.as_ref().map(|p| p.source(orientation));
         let nothing = Geometry::new(Vec::new(), Vec::new(), 1.0)?;
         let pyramid = Pyramid::new(volume);
-        let surface = Surface::new(volume, &pyramid, lattice, isovalue)?;
+        let surface = Isosurface::extract(volume, &pyramid, isovalue)?;
         let points: Vec<[f32; 3]> =
             surface.random_points(self.points, seed).iter().map(|p| p.position_in_grid).collect();
         let material = self.material(file.as_ref(), volume.value_range());

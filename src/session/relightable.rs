@@ -6,7 +6,8 @@
 //! `_T<k>_<R|G|B>_SH_DEGREE_<l>_COEF_<n>`, and one number a layer and channel of the level set's own emission,
 //! `_G<k>_EMISSION_<R|G|B>`, and of each luminaire, `_LUMINAIRE_<i>_G<k>_<R|G|B>`.
 
-use super::scene_light::{Factor, Groups};
+use super::LuminaireFactor;
+use super::textures::Groups;
 use crate::error::{Error, Result};
 use crate::export::gltf::Scalars;
 use crate::geom::Up;
@@ -33,7 +34,7 @@ pub(super) fn attributes<'a>(surfaces: impl Iterator<Item = (&'a Store, &'a Mesh
         let more: Vec<Scalars> = more.collect();
         if !all.iter().map(|s| &s.name).eq(more.iter().map(|s| &s.name)) {
             let expected = "the same layers, bands and luminaires in all volumes";
-            return Err(Error::argument("--transfer", "different textures", expected, "add --volume NAME"));
+            return Err(Error::argument("transfer", "different textures", expected, "light one of them alone"));
         }
         all.iter_mut().zip(more).for_each(|(all, more)| all.values.extend(more.values));
     }
@@ -64,7 +65,7 @@ fn names(groups: &Groups<'_>) -> Vec<String> {
 
 /// What a reader needs to relight: the light, the material, and how they go together.
 pub(super) fn extras(
-    (store, factors): (&Store, &[Factor]),
+    (store, factors): (&Store, &[LuminaireFactor]),
     probe: &Probe,
     light: &Light,
     material: &Material,

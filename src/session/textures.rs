@@ -1,42 +1,28 @@
-//! Light of a store: its environment, and for a scene its luminaires too.
+//! The textures of a store under a light: its environment, and for a scene its luminaires too.
 
-use super::light::Lighting;
-use super::{Outcome, text};
+use super::Lighting;
 use crate::error::{Error, Result};
-use crate::relight::{Contracted, LuminaireLight, Material, Textures, contract};
+use crate::relight::{ClampReport, Contracted, LuminaireLight, Material, Textures, contract};
+use crate::scene::nearest;
 use crate::transfer::store::Store;
 use crate::transfer::{Group, Layers};
 
 /// A factor on the power of a luminaire.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Factor {
-    name: String,
-    factor: [f64; 3],
+pub struct LuminaireFactor {
+    /// Name of the luminaire.
+    pub luminaire: String,
+    /// Red, green, blue; finite, not negative. 0 switches it off.
+    pub factor: [f64; 3],
 }
 
 /// The factor on a luminaire: that given last.
-pub(super) fn factor_of(name: &str, factors: &[Factor]) -> [f64; 3] {
-    factors.iter().rev().find(|f| f.name == name).map_or([1.0; 3], |f| f.factor)
-}
-
-/// Reads NAME=FACTOR or NAME=R,G,B.
-pub(super) fn parse_factor(argument: &str) -> std::result::Result<Factor, String> {
-    let expected = "give the name of a luminaire and a factor, such as ceiling=2 or ceiling=1,0.8,0.6";
-    let (name, numbers) = argument.split_once('=').ok_or(expected)?;
-    let numbers: Option<Vec<f64>> = numbers.split(',').map(|n| n.trim().parse().ok()).collect();
-    let factor = match numbers.as_deref() {
-        Some(&[one]) => [one; 3],
-        Some(&[r, g, b]) => [r, g, b],
-        _ => return Err(expected.into()),
-    };
-    if name.is_empty() || !factor.iter().all(|f| f.is_finite() && *f >= 0.0) {
-        return Err("factors are finite and not negative; 0 switches a luminaire off".into());
-    }
-    Ok(Factor { name: name.into(), factor })
+pub(super) fn factor_of(name: &str, factors: &[LuminaireFactor]) -> [f64; 3] {
+    factors.iter().rev().find(|f| f.luminaire == name).map_or([1.0; 3], |f| f.factor)
 }
 
 /// The textures of a store that are lit together, opened.
-pub(super) struct Groups<'a> {
+pub struct Groups<'a> {
     store: &'a Store,
     // Of emission, and of the luminaires.
     others: Option<(Store, Vec<Luminaire>)>,
@@ -51,7 +37,10 @@ struct Luminaire {
 
 impl<'a> Groups<'a> {
     /// Opens the groups of a store, for luminaires of some factors.
-    pub(super) fn open(store: &'a Store, factors: &[Factor]) -> Result<Self> {
+    ///
+    /// # Errors
+    /// When a group is missing or damaged.
+    pub fn open(store: &'a Store, factors: &[LuminaireFactor]) -> Result<Self> {
         let Some(scene) = &store.identity().scene else { return Ok(Self { store, others: None }) };
         let luminaires = scene.luminaires.iter().zip(&scene.exponents).map(|(name, exponent)| {
             let stored = libm::ldexp(1.0, *exponent);
@@ -63,46 +52,70 @@ impl<'a> Groups<'a> {
     }
 
     /// All of them.
-    pub(super) fn textures(&self) -> Result<Textures<'_>> {
+    ///
+    /// # Errors
+    /// When their layouts do not fit together.
+    pub fn textures(&self) -> Result<Textures<'_>> {
         let Some((emission, luminaires)) = &self.others else { return Textures::of_volume(self.store) };
         let luminaires = luminaires.iter().map(|l| LuminaireLight { texture: &l.texture, factor: l.factor });
         Textures::of_scene(self.store, emission, &luminaires.collect::<Vec<_>>())
     }
 
     /// Layers of the environment's texture.
-    pub(super) fn layers(&self) -> &'a Layers {
+    pub fn layers(&self) -> &'a Layers {
         &self.store.layout().layers
     }
 
     /// The luminaires by name, each with the factor on what its texture holds.
-    pub(super) fn factors(&self) -> impl Iterator<Item = (&str, [f64; 3])> {
+    pub fn factors(&self) -> impl Iterator<Item = (&str, [f64; 3])> {
         let luminaires = self.others.iter().flat_map(|(_, luminaires)| luminaires);
         luminaires.map(|l| (l.name.as_str(), l.factor))
     }
 }
 
-/// The radiance of the texels of some bricks under an environment, and under the luminaires of a scene.
-pub(super) fn contracted(
+/// The radiance of the texels of some bricks under an environment, and under the luminaires of a scene; none is
+/// negative under certified light, and what was is told.
+///
+/// # Errors
+/// When the scene has no such luminaire, a factor is negative or not finite, a sun is lit apart in a scene, or the
+/// store is damaged.
+pub fn radiance_of_bricks(
     store: &Store,
     bricks: &[[usize; 3]],
-    lighting: &Lighting,
+    lighting: &Lighting<'_>,
     material: &Material,
-    factors: &[Factor],
-) -> Outcome<Contracted> {
+    factors: &[LuminaireFactor],
+) -> Result<(Contracted, Option<ClampReport>)> {
+    let mut contracted = contracted(store, bricks, lighting, material, factors)?;
+    let clamped = lighting.is_certified().then(|| contracted.clamp_negative());
+    Ok((contracted, clamped))
+}
+
+fn contracted(
+    store: &Store,
+    bricks: &[[usize; 3]],
+    lighting: &Lighting<'_>,
+    material: &Material,
+    factors: &[LuminaireFactor],
+) -> Result<Contracted> {
     let light = &lighting.light;
     let names: &[String] = store.identity().scene.as_ref().map_or(&[], |scene| &scene.luminaires);
-    if let Some(unknown) = factors.iter().find(|f| !names.contains(&f.name)) {
-        let remedy = match text::nearest(&unknown.name, names.iter().map(String::as_str)) {
+    if let Some(unknown) = factors.iter().find(|f| !names.contains(&f.luminaire)) {
+        let remedy = match nearest(&unknown.luminaire, names.iter().map(String::as_str)) {
             Some(near) => format!("did you mean {near}?"),
             None => "see the [[luminaires]] of the scene".into(),
         };
         let expected = if names.is_empty() { "a scene with luminaires".into() } else { names.join(", ") };
-        return Err(Error::argument("--luminaire", &unknown.name, expected, remedy).into());
+        return Err(Error::argument("luminaire", &unknown.luminaire, expected, remedy));
+    }
+    if let Some(wrong) = factors.iter().find(|f| !f.factor.iter().all(|v| v.is_finite() && *v >= 0.0)) {
+        let given = format!("{}={:?}", wrong.luminaire, wrong.factor);
+        return Err(Error::argument("luminaire", given, "finite factors of at least 0", "0 switches it off"));
     }
     if store.identity().scene.is_some() && !lighting.suns.is_empty() {
         let expected = "an environment whose lamps stay in it";
         let remedy = "leave it out: rays of a sun that is lit apart do not know the walls of a scene";
-        return Err(Error::argument("--sun-split", "a scene with walls or luminaires", expected, remedy).into());
+        return Err(Error::argument("sun split", "a scene with walls or luminaires", expected, remedy));
     }
-    Ok(contract(&Groups::open(store, factors)?.textures()?, bricks, light, material)?)
+    contract(&Groups::open(store, factors)?.textures()?, bricks, light, material)
 }

@@ -1,8 +1,8 @@
-//! Walls in pictures. Radiance on flat walls is smooth, so it is path traced on a grid of each rectangle and interpolated;
-//! whatever else stands in the scene (spheres, meshes, mirrors, glass) is path traced pixel by pixel.
+//! Walls in pictures. Radiance on flat walls is smooth, so it is path traced on a grid of each rectangle and
+//! interpolated; whatever else stands in the scene (spheres, meshes, mirrors, glass) is path traced pixel by pixel.
 
-use super::light::Lighting;
-use super::scene_light::{Factor, factor_of};
+use super::LuminaireFactor;
+use super::textures::factor_of;
 use crate::error::Result;
 use crate::geom::{Bounds, Direction};
 use crate::level::Pyramid;
@@ -22,8 +22,8 @@ const GRID: usize = 25;
 const PATHS: u32 = 256;
 const PIXEL_PATHS: u32 = 64;
 
-/// What a picture has to have in view: walls and volumes, unless the walls reach far beyond the volumes. `together` is the box
-/// of all volumes where there are several.
+/// What a picture has to have in view: walls and volumes, unless the walls reach far beyond the volumes. `together` is
+/// the box of all volumes where there are several.
 pub(super) fn in_view(geometry: Option<&Geometry>, volume: &Volume, together: Option<Bounds>) -> Option<Bounds> {
     const FAR: f64 = 3.0;
     let own = together.unwrap_or_else(|| volume.world_bounds());
@@ -85,8 +85,8 @@ impl<'a> Walls<'a> {
         question: &WallQuestion<'_>,
         camera: &Camera,
         options: &RenderOptions,
-        lighting: &Lighting,
-        factors: &[Factor],
+        light: &Light,
+        factors: &[LuminaireFactor],
     ) -> Result<Self> {
         let scales: Vec<[f64; 3]> = geometry.luminaires().iter().map(|l| factor_of(&l.name, factors)).collect();
         let (mut parts, mut rays_of_pixels, mut numbers) = (Vec::new(), Vec::new(), Vec::new());
@@ -119,7 +119,7 @@ impl<'a> Walls<'a> {
                 is_covered.push(geometry.first_luminaire(point + step * normal, -normal, 2.0 * step).is_some());
             }
         }
-        let environment = Environment(&lighting.light);
+        let environment = Environment(light);
         let trace = |rays: &[(DVec3, DVec3)], paths: u32| {
             let settings = SceneReference {
                 paths,

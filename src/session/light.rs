@@ -1,0 +1,139 @@
+//! Environments made ready for a transfer: turned, cut to its bands, windowed, and without the suns that are lit apart.
+
+use crate::error::{Error, Result};
+use crate::geom::Up;
+use crate::probe::sun::{SunOptions, split_sun};
+use crate::probe::{EnvFrame, NoSun, Orientation, Probe};
+use crate::relight::{self, ClampReport, Light};
+use crate::render::SunLight;
+use crate::sh::kernel::{Kept, Window};
+use crate::transfer::Layers;
+
+/// How an environment lights.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct LightOptions {
+    /// How far the light is turned counter-clockwise about up, seen from above, in degrees.
+    pub rotation_degrees: f64,
+    /// Where the centre of environment images lies in glTF.
+    pub frame: EnvFrame,
+    /// Bands that the light is cut to; those of the transfer, if `None` or more.
+    pub bands: Option<usize>,
+    /// What softens the light against ringing. [`Window::Certified`] makes it nowhere negative, and texels that come
+    /// out below 0 by noise or rounding 0.
+    pub window: Window,
+    /// Whether the dominant lamp is lit apart from the environment, by visibility rays: sharp shadows, no ringing.
+    pub split_sun: bool,
+}
+
+impl LightOptions {
+    /// How the environment stands around what has this axis up.
+    ///
+    /// # Errors
+    /// When the rotation is not finite.
+    pub fn orientation(&self, up: Up) -> Result<Orientation> {
+        Ok(Orientation::new(up, self.rotation_degrees)?.in_frame(self.frame))
+    }
+}
+
+/// What was done to light, for whom it may concern.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum LightNote {
+    /// No sun was split off, and why.
+    NoSun(NoSun),
+    /// A sun was split off and is lit apart.
+    Sun {
+        /// Its part of the environment's flux.
+        share: f64,
+        /// Half the angle across, in radians.
+        angular_radius: f64,
+    },
+    /// What a window kept of the layer that it took most of.
+    Window(Kept),
+    /// What was below 0 by noise or rounding under certified light, and is 0 now.
+    Clamped(ClampReport),
+}
+
+/// Visibility rays for each surface point and sun.
+const SUN_RAYS: u32 = 16;
+
+/// An environment, ready to be multiplied with transfer.
+#[derive(Clone, Debug)]
+pub struct Lighting<'p> {
+    pub(super) probe: &'p Probe,
+    pub(super) options: LightOptions,
+    pub(super) light: Light,
+    pub(super) suns: Vec<SunLight>,
+    pub(super) notes: Vec<LightNote>,
+}
+
+impl<'p> Lighting<'p> {
+    /// The light of a probe around what has `up` up, in world axes, cut and windowed at the band limit of each layer. A
+    /// sun that is split off is missing from the direct layer alone: what it brings by reflection stays in the
+    /// transfer.
+    ///
+    /// # Errors
+    /// When the rotation is not finite, or light with negative pixels is to be certified.
+    pub fn new(probe: &'p Probe, up: Up, layers: &Layers, options: &LightOptions) -> Result<Self> {
+        let is_certified = options.window == Window::Certified;
+        if is_certified && probe.image.pixels().iter().flatten().any(|&v| v < 0.0) {
+            let remedy = "light with negative pixels cannot be certified: take another window, or set them to 0";
+            return Err(Error::argument("window", "certified", "an environment without negative pixels", remedy));
+        }
+        let most = layers.max_bands();
+        let bands = options.bands.map_or(most, |b| b.min(most));
+        let orientation = options.orientation(up)?;
+        let whole = probe.coefficients_in_world(bands, orientation);
+        let mut notes = Vec::new();
+        let mut suns = Vec::new();
+        let mut direct = whole.clone();
+        if options.split_sun {
+            let split = split_sun(probe, &SunOptions { bands, ..SunOptions::default() });
+            if split.suns.is_empty() {
+                notes.push(LightNote::NoSun(split.stopped));
+            } else {
+                direct = split.rest.coefficients_in_world(bands, orientation);
+            }
+            for s in &split.suns {
+                notes.push(LightNote::Sun { share: s.flux_share, angular_radius: s.sun.angular_radius });
+                suns.push(SunLight::new(&s.sun, orientation, SUN_RAYS));
+            }
+        }
+        let prepared = relight::prepare(&direct, &whole, layers, options.window)?;
+        if options.window != Window::None {
+            notes.push(LightNote::Window(prepared.least_kept().kept));
+        }
+        Ok(Self { probe, options: options.clone(), light: prepared.light, suns, notes })
+    }
+
+    /// Its probe.
+    pub fn probe(&self) -> &'p Probe {
+        self.probe
+    }
+
+    /// How it was made ready.
+    pub fn options(&self) -> &LightOptions {
+        &self.options
+    }
+
+    /// The coefficients for each layer, without suns that are lit apart.
+    pub fn light(&self) -> &Light {
+        &self.light
+    }
+
+    /// The suns that are lit apart.
+    pub fn suns(&self) -> &[SunLight] {
+        &self.suns
+    }
+
+    /// Whether the light is proven nowhere negative.
+    pub fn is_certified(&self) -> bool {
+        self.options.window == Window::Certified
+    }
+
+    /// What was done.
+    pub fn notes(&self) -> &[LightNote] {
+        &self.notes
+    }
+}

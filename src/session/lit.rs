@@ -1,0 +1,185 @@
+//! Lit surfaces: radiance of texels, then of vertices.
+
+use super::{LightNote, Lighting, LuminaireFactor, Surface};
+use crate::error::{Error, Result};
+use crate::relight::{ClampReport, Contracted, Exposure, LookupReport, Material, SurfaceError};
+use crate::render::sun_visibility;
+use crate::transfer::store::{Holdings, Store};
+
+/// How a surface is lit.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct LitOptions {
+    /// From radiance to colour; the brightest 1 % of the vertices white, if not said otherwise.
+    pub exposure: Exposure,
+    /// Factors on the power of the luminaires of a scene; 1 for those that are not named.
+    pub luminaires: Vec<LuminaireFactor>,
+}
+
+impl Default for LitOptions {
+    fn default() -> Self {
+        Self { exposure: Exposure::Percentile, luminaires: Vec::new() }
+    }
+}
+
+/// The texels around a surface under a light.
+pub struct LitTexels<'t> {
+    pub(super) surface: &'t Surface<'t>,
+    pub(super) lighting: &'t Lighting<'t>,
+    pub(super) material: Material,
+    pub(super) luminaires: Vec<LuminaireFactor>,
+    // Invariant of both: one for each member.
+    pub(super) members: Vec<Contracted>,
+    pub(super) clamped: Vec<Option<ClampReport>>,
+}
+
+impl<'t> LitTexels<'t> {
+    /// What the surface is made of.
+    pub fn material(&self) -> &Material {
+        &self.material
+    }
+
+    /// Looks the vertices up and exposes them; suns that were split off are added.
+    ///
+    /// # Errors
+    /// [`Error::Unbaked`] when the store does not have the texels of the surface.
+    pub fn look_up(self, exposure: Exposure) -> Result<Lit<'t>> {
+        let (surface, lighting, material) = (self.surface, self.lighting, &self.material);
+        let (mut radiance, mut errors) = (Vec::new(), Vec::new());
+        let (mut report, mut sun_rays) = (LookupReport::default(), 0);
+        let parts = surface.parts.iter().zip(surface.session.members());
+        for ((part, member), texels) in parts.zip(&self.members) {
+            let mesh = part.isosurface.mesh();
+            let mut lit = texels.look_up(&mesh.positions_in_grid, &mesh.normals, &lighting.light, material);
+            for sun in &lighting.suns {
+                let (volume, isovalue) = (member.volume(), part.isosurface.isovalue());
+                let (positions, normals) = (&mesh.positions_in_grid, &mesh.normals);
+                let seen = sun_visibility(volume, member.pyramid(), isovalue, positions, normals, sun);
+                lit.add_sun(&seen.lit, sun.flux, material);
+                sun_rays += seen.counts.rays;
+            }
+            check_baked(member.store(), part.isosurface.isovalue(), &lit.report)?;
+            errors.extend(texels.look_up_errors(&mesh.positions_in_grid));
+            report += lit.report;
+            radiance.extend(lit.radiance);
+        }
+        let exposure = exposure.factor(&radiance);
+        let negative = || radiance.iter().filter(|v| v.iter().any(|&x| x < 0.0)).count() as u64;
+        let (error, (rms_over_mean, negative)) =
+            rayon::join(|| SurfaceError::new(&radiance, &errors), || (rms_over_mean(&radiance, &errors), negative()));
+        Ok(Lit { texels: self, radiance, errors, report, exposure, error, rms_over_mean, negative, sun_rays })
+    }
+}
+
+/// Refuses lookups that met texels which were never baked.
+pub(super) fn check_baked(store: &Store, isovalue: f64, report: &LookupReport) -> Result<()> {
+    if report.unbaked == 0 {
+        return Ok(());
+    }
+    let held = store.holdings().ok();
+    let list = |held: &Holdings| held.isovalues.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
+    let told = match &held {
+        None => "it cannot say what it holds".into(),
+        Some(held) if held.all => "it holds all isovalues where it was baked".into(),
+        Some(held) => format!("it holds isovalues {}", list(held)),
+    };
+    Err(Error::Unbaked {
+        path: store.path().to_path_buf(),
+        isovalue,
+        unbaked: report.unbaked,
+        lookups: report.lookups,
+        holds_all: held.as_ref().is_some_and(|held| held.all),
+        isovalues: held.map_or_else(Vec::new, |held| held.isovalues),
+        remedy: format!("{told}; bake this one into it"),
+    })
+}
+
+/// Root mean square of the standard errors of the vertices over their mean radiance (mean of the channels); 0
+/// for a black surface.
+fn rms_over_mean(radiance: &[[f32; 3]], errors: &[f32]) -> f64 {
+    let count = radiance.len().max(1) as f64;
+    let mean = radiance.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3.0 * count);
+    let square = errors.iter().map(|&e| f64::from(e).powi(2)).sum::<f64>() / count;
+    if mean > 0.0 { square.sqrt() / mean } else { 0.0 }
+}
+
+/// A surface under a light, at its vertices: those of the parts of the surface one after the other.
+pub struct Lit<'t> {
+    pub(super) texels: LitTexels<'t>,
+    pub(super) radiance: Vec<[f32; 3]>,
+    pub(super) errors: Vec<f32>,
+    report: LookupReport,
+    pub(super) exposure: f32,
+    error: SurfaceError,
+    rms_over_mean: f64,
+    negative: u64,
+    sun_rays: u64,
+}
+
+impl<'t> Lit<'t> {
+    /// The texels that were looked up.
+    pub fn texels(&self) -> &LitTexels<'t> {
+        &self.texels
+    }
+
+    /// Linear exitant radiance of each vertex, in the unit of the environment.
+    pub fn radiance(&self) -> &[[f32; 3]] {
+        &self.radiance
+    }
+
+    /// Its standard error, one number for the three channels.
+    pub fn standard_errors(&self) -> &[f32] {
+        &self.errors
+    }
+
+    /// How the lookups went.
+    pub fn report(&self) -> &LookupReport {
+        &self.report
+    }
+
+    /// The factor from radiance to colour.
+    pub fn exposure(&self) -> f32 {
+        self.exposure
+    }
+
+    /// The exposure in stops.
+    pub fn exposure_in_stops(&self) -> f64 {
+        libm::log2(f64::from(self.exposure))
+    }
+
+    /// Quantiles of the standard errors over the radiance of their vertices.
+    pub fn relative_error(&self) -> SurfaceError {
+        self.error
+    }
+
+    /// Root mean square of the standard errors over the mean radiance; 0 for a black surface.
+    pub fn rms_over_mean(&self) -> f64 {
+        self.rms_over_mean
+    }
+
+    /// Vertices with a negative channel, which shows as 0: ringing of the band-limited light.
+    pub fn negative_vertices(&self) -> u64 {
+        self.negative
+    }
+
+    /// Visibility rays of suns that were split off.
+    pub fn sun_rays(&self) -> u64 {
+        self.sun_rays
+    }
+
+    /// Most of the emission that is left out per further bounce: of albedo 1 with emission, which has no end.
+    pub fn emission_remainder(&self) -> f32 {
+        self.texels.members.first().map_or(0.0, |contracted| contracted.emission_remainder)
+    }
+
+    /// What was done to the light.
+    pub fn notes(&self) -> Vec<LightNote> {
+        let clamped = self.texels.clamped.first().copied().flatten().map(LightNote::Clamped);
+        self.texels.lighting.notes.iter().cloned().chain(clamped).collect()
+    }
+
+    /// Linear colours in [0, 1].
+    pub fn colours(&self) -> Vec<[f32; 3]> {
+        Exposure::apply(self.exposure, &self.radiance)
+    }
+}

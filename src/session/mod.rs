@@ -1,0 +1,211 @@
+//! A session of relighting: a store is opened once, surfaces are extracted once, and each is lit by as many
+//! environments and materials as wanted. Nothing is traced but what no texture holds: suns that were split off, camera
+//! rays, and the walls of pictures.
+//!
+//! [`Session::open`] reads the volumes of a store, [`Session::surface`] extracts an isosurface (of volumes that were
+//! baked together those that belong together), [`Session::light`] prepares an environment, [`Surface::lit`] multiplies
+//! the two, and [`Lit`] is written or pictured. Who has to measure or share the steps takes them one by one:
+//! [`Member::extract`], [`Member::select`], [`Session::surface_of`]; [`Surface::contract`], [`LitTexels::look_up`].
+//!
+//! ```
+//! # use isolume::bake::{self, Request, Silent};
+//! # use isolume::scene::Effects;
+//! # use isolume::transfer::{Lattice, Layers, Layout};
+//! # use isolume::transport::Settings;
+//! # use isolume::volume::field;
+//! use isolume::probe;
+//! use isolume::relight::Material;
+//! use isolume::session::{LightOptions, LitOptions, MeshOptions, Session};
+//!
+//! # fn main() -> isolume::Result<()> {
+//! # let folder = tempfile::tempdir().map_err(|e| isolume::Error::io("", "make a folder", e))?;
+//! # let volume = field::by_name("bumpbox:12")?.expect("a field").sample()?;
+//! # let layers = Layers::uniform(2, 3)?;
+//! # let layout = Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0)?, layers: layers.clone() };
+//! # let settings = Settings { layers, rays: 16, seed: 0, target: None, positive: false };
+//! # let effects = Effects::default();
+//! # let request = Request::new(&volume, "bumpbox:12", layout, settings, &effects);
+//! # let (store, _) = bake::run(&request, &folder.path().join("bumps.isolume"), &Silent)?;
+//! let session = Session::open(&store)?;
+//! let surface = session.surface(47.0)?;
+//! let probe = probe::by_name("sky")?.expect("a sky");
+//! let light = session.light(&probe, &LightOptions::default())?;
+//! let lit = surface.lit(&light, &Material::new([0.7; 3], [0.0; 3])?, &LitOptions::default())?;
+//! lit.write_gltf(folder.path().join("bumps.glb"), &MeshOptions::default())?;
+//! assert_eq!(lit.radiance().len(), surface.vertices());
+//! # Ok(())
+//! # }
+//! ```
+
+mod isosurface;
+mod light;
+mod lit;
+mod member;
+mod number;
+mod picture;
+mod relightable;
+mod scale_bar;
+mod surface;
+mod textures;
+mod tone;
+mod walls;
+mod write;
+
+#[cfg(test)]
+mod tests;
+
+pub use isosurface::Isosurface;
+pub use light::{LightNote, LightOptions, Lighting};
+pub use lit::{Lit, LitOptions, LitTexels};
+pub use member::Member;
+pub use number::number;
+pub use picture::{Background, Framing, PictureOptions, Still};
+pub use surface::{Part, Surface};
+pub use textures::{Groups, LuminaireFactor, radiance_of_bricks};
+pub use tone::Tone;
+pub use write::MeshOptions;
+
+use crate::error::{Error, Result};
+use crate::geom::Up;
+use crate::level::Pyramid;
+use crate::probe::Probe;
+use crate::scene::geometry::Geometry;
+use crate::scene::nearest;
+use crate::transfer::store::Store;
+use crate::volume::Volume;
+use member::{coupling_of, partnered};
+
+/// The volumes of a store, ready for surfaces to be lit: the one that stands alone, or all that were baked together.
+pub struct Session<'a> {
+    // Invariant: not empty; more than one only of a store whose volumes are coupled, in the order of the store.
+    members: Vec<Member<'a>>,
+    up: Up,
+    geometry: Option<&'a Geometry>,
+}
+
+impl<'a> Session<'a> {
+    /// Reads the volumes of a store.
+    ///
+    /// # Errors
+    /// When a volume is damaged, cannot be read or has no cells, or the bake of a scene has not come to all of its
+    /// volumes.
+    pub fn open(store: &'a Store) -> Result<Self> {
+        let Some(first) = coupling_of(store) else { return Self::of_members(vec![Member::borrowing(store)?]) };
+        let held = store.volumes()?;
+        if let Some(missing) = first.partners.iter().find(|p| !held.contains(&p.name)) {
+            let found = format!("{} without its partner {}", held.join(", "), missing.name);
+            let remedy = "go on with the bake of the scene: the same command";
+            return Err(Error::argument("store", found, "all volumes of the scene", remedy));
+        }
+        let mut members = Vec::new();
+        for name in held {
+            let store = store.of_volume(&name)?;
+            if coupling_of(&store).is_some() {
+                members.push(Member::owning(store)?);
+            }
+        }
+        Self::of_members(members)
+    }
+
+    fn of_members(members: Vec<Member<'a>>) -> Result<Self> {
+        match members.first() {
+            Some(first) => Ok(Self { up: first.volume().up, members, geometry: None }),
+            None => Err(Error::argument("store", "no volume", "at least one", "bake it again")),
+        }
+    }
+
+    /// One volume alone, which has been read already, with the pyramid over it: that of a store, or the same samples as
+    /// a file had them. Of volumes that were baked together the others are left out.
+    pub fn alone(store: &'a Store, volume: &'a Volume, pyramid: &'a Pyramid) -> Self {
+        Self { members: vec![Member::of_parts(store, volume, pyramid)], up: volume.up, geometry: None }
+    }
+
+    /// The same with another axis that points up: it turns environments, views, and what is written.
+    #[must_use]
+    pub fn with_up(self, up: Up) -> Self {
+        Self { up, ..self }
+    }
+
+    /// The same with walls and luminaires in its pictures: a store holds what they do to light, and not their shapes.
+    #[must_use]
+    pub fn with_geometry(self, geometry: Option<&'a Geometry>) -> Self {
+        Self { geometry, ..self }
+    }
+
+    /// The volumes; isovalues without a name are those of the first.
+    pub fn members(&self) -> &[Member<'a>] {
+        &self.members
+    }
+
+    /// The axis that points up.
+    pub fn up(&self) -> Up {
+        self.up
+    }
+
+    fn first(&self) -> &Member<'a> {
+        &self.members[0]
+    }
+
+    /// Whether walls or luminaires stand in the scene that pictures do not show, for want of [`Self::with_geometry`].
+    pub fn lacks_walls(&self) -> bool {
+        let scene = self.first().store().identity().scene.as_ref();
+        self.geometry.is_none() && scene.is_some_and(|s| s.coupling.is_none() || !s.luminaires.is_empty())
+    }
+
+    /// The number of a member by its name.
+    ///
+    /// # Errors
+    /// When there is none of that name.
+    pub fn member(&self, name: &str) -> Result<usize> {
+        if let Some(found) = self.members.iter().position(|m| m.name() == name) {
+            return Ok(found);
+        }
+        let names: Vec<&str> = self.members.iter().map(Member::name).collect();
+        let remedy = match nearest(name, names.iter().copied()) {
+            Some(near) => format!("did you mean {near}?"),
+            None => "see `isolume info` of the store".into(),
+        };
+        Err(Error::argument("isovalue", format!("{name}=…"), format!("one of {}", names.join(", ")), remedy))
+    }
+
+    /// The isovalue of every member that belongs to one of member number `of`, as the store couples them.
+    ///
+    /// # Errors
+    /// When the isovalue has no partner.
+    ///
+    /// # Panics
+    /// When there is no such member.
+    pub fn isovalues(&self, of: usize, isovalue: f64) -> Result<Vec<f64>> {
+        self.members.iter().map(|partner| partnered(&self.members[of], partner, isovalue)).collect()
+    }
+
+    /// The isosurface of an isovalue of the first member, with those of the others that belong to it.
+    ///
+    /// # Errors
+    /// As [`Self::isovalues`] and [`Member::extract`].
+    pub fn surface(&self, isovalue: f64) -> Result<Surface<'_>> {
+        let isovalues = self.isovalues(0, isovalue)?;
+        let parts = self.members.iter().zip(isovalues).map(|(member, c)| Ok(member.select(member.extract(c)?)));
+        self.surface_of(parts.collect::<Result<_>>()?)
+    }
+
+    /// A surface of isosurfaces that are there: one of each member, in their order.
+    ///
+    /// # Errors
+    /// When there are more or fewer than members.
+    pub fn surface_of(&self, parts: Vec<Part>) -> Result<Surface<'_>> {
+        if parts.len() != self.members.len() {
+            let expected = format!("one for each of the {} volumes", self.members.len());
+            return Err(Error::argument("isosurfaces", parts.len(), expected, "extract that of each member"));
+        }
+        Ok(Surface::new(self, parts))
+    }
+
+    /// The light of a probe around the first member, cut and windowed at the band limit of each layer.
+    ///
+    /// # Errors
+    /// As [`Lighting::new`].
+    pub fn light<'p>(&self, probe: &'p Probe, options: &LightOptions) -> Result<Lighting<'p>> {
+        Lighting::new(probe, self.up, &self.first().store().layout().layers, options)
+    }
+}

@@ -1,0 +1,165 @@
+//! Surfaces ready to be lit: isosurfaces of all volumes of a session, and the bricks that their lookups read.
+
+use super::textures::radiance_of_bricks;
+use super::{Isosurface, Lighting, Lit, LitOptions, LitTexels, LuminaireFactor, Session};
+use crate::error::Result;
+use crate::geom::Bounds;
+use crate::relight::Material;
+use crate::surface::Mesh;
+use crate::transfer::{BRICK_TEXELS, Lattice, texels_of_isosurface};
+use crate::volume::Volume;
+use glam::Vec3;
+use std::collections::HashMap;
+
+/// An isosurface of a member, and where its lookups read.
+pub struct Part {
+    pub(super) isosurface: Isosurface,
+    bricks: Vec<[usize; 3]>,
+    below_a_texel: f64,
+}
+
+impl Part {
+    pub(super) fn new(volume: &Volume, lattice: Lattice, isosurface: Isosurface) -> Self {
+        let bricks = texels_of_isosurface(volume, lattice, isosurface.isovalue()).bricks();
+        let below_a_texel = below_a_texel(isosurface.mesh(), lattice);
+        Self { isosurface, bricks, below_a_texel }
+    }
+
+    /// The isosurface.
+    pub fn isosurface(&self) -> &Isosurface {
+        &self.isosurface
+    }
+
+    /// Bricks that lookups on it read.
+    pub fn bricks(&self) -> &[[usize; 3]] {
+        &self.bricks
+    }
+
+    /// Share of the vertices where the surface bends too much within a texel, of a texture coarser than the data.
+    pub fn below_a_texel(&self) -> f64 {
+        self.below_a_texel
+    }
+}
+
+/// Share of the vertices in cells of a coarse texture within which normals differ so much that their mean is shorter
+/// than 0.8: what they cover is then a cap of more than 53° about its middle, or two sides of a thin shell. 0 for a
+/// texture that is as fine as the data.
+fn below_a_texel(mesh: &Mesh, lattice: Lattice) -> f64 {
+    const SHORTEST_MEAN: f32 = 0.8;
+    let steps = [0, 1, 2].map(|axis| lattice.step(axis));
+    if steps.iter().all(|&step| step <= 1.0) || mesh.normals.is_empty() {
+        return 0.0;
+    }
+    let mut cells: HashMap<[u32; 3], (Vec3, u32)> = HashMap::new();
+    for (position, normal) in mesh.positions_in_grid.iter().zip(&mesh.normals) {
+        let cell = std::array::from_fn(|a| (f64::from(position[a]) / steps[a].max(1.0)) as u32);
+        let (sum, count) = cells.entry(cell).or_default();
+        (*sum, *count) = (*sum + Vec3::from_array(*normal), *count + 1);
+    }
+    let bent = cells.values().filter(|(sum, count)| sum.length() < SHORTEST_MEAN * *count as f32);
+    bent.map(|(_, count)| f64::from(*count)).sum::<f64>() / mesh.normals.len() as f64
+}
+/// The isosurfaces of all members of a session that are lit together.
+pub struct Surface<'s> {
+    pub(super) session: &'s Session<'s>,
+    // Invariant: one for each member.
+    pub(super) parts: Vec<Part>,
+}
+
+impl<'s> Surface<'s> {
+    pub(super) fn new(session: &'s Session<'s>, parts: Vec<Part>) -> Self {
+        Self { session, parts }
+    }
+
+    /// The isosurface of each member.
+    pub fn parts(&self) -> &[Part] {
+        &self.parts
+    }
+
+    /// Vertices of all parts.
+    pub fn vertices(&self) -> usize {
+        self.parts.iter().map(|part| part.isosurface.positions().len()).sum()
+    }
+
+    /// Bytes that lighting it takes, about: the volumes with their pyramids, the contracted bricks, and the meshes with
+    /// their colours, once more while they are written.
+    pub fn bytes_of_lighting(&self) -> u64 {
+        // Radiance, weight and standard error of a texel; two positions, two normals, radiance, colour, error and what
+        // is written of a vertex; a triangle, twice.
+        const TEXEL: u64 = 20;
+        const VERTEX: u64 = 4 * 12 + 12 + 12 + 4 + 12 + 12 + 8 + 16;
+        const TRIANGLE: u64 = 24;
+        let bytes = |(part, volume): (&Part, &Volume)| {
+            let volume = volume.samples().bytes().len() as u64 / 4 * 5;
+            let contracted = part.bricks.len() as u64 * BRICK_TEXELS as u64 * TEXEL;
+            let mesh = part.isosurface.mesh();
+            let mesh = mesh.positions_in_grid.len() as u64 * VERTEX + mesh.triangles.len() as u64 * TRIANGLE;
+            volume + contracted + mesh
+        };
+        self.parts.iter().zip(self.session.members().iter().map(|m| m.volume())).map(bytes).sum()
+    }
+
+    /// Multiplies light and transfer, at the texels that lookups read.
+    ///
+    /// # Errors
+    /// As [`radiance_of_bricks`].
+    pub fn contract<'t>(
+        &'t self,
+        lighting: &'t Lighting<'t>,
+        material: &Material,
+        luminaires: &[LuminaireFactor],
+    ) -> Result<LitTexels<'t>> {
+        let all = self.parts.iter().zip(self.session.members());
+        let all =
+            all.map(|(part, member)| radiance_of_bricks(member.store(), &part.bricks, lighting, material, luminaires));
+        let (members, clamped) = all.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+        Ok(LitTexels {
+            surface: self,
+            lighting,
+            material: *material,
+            luminaires: luminaires.to_vec(),
+            members,
+            clamped,
+        })
+    }
+
+    /// Lights it: [`Self::contract`], and [`LitTexels::look_up`] at the vertices.
+    ///
+    /// # Errors
+    /// As those two.
+    pub fn lit<'t>(&'t self, lighting: &'t Lighting<'t>, material: &Material, options: &LitOptions) -> Result<Lit<'t>> {
+        self.contract(lighting, material, &options.luminaires)?.look_up(options.exposure)
+    }
+
+    /// The box of all volumes in world.
+    pub(super) fn bounds(&self) -> Bounds {
+        self.session.members().iter().fold(Bounds::EMPTY, |bounds, member| {
+            let own = member.volume().world_bounds();
+            bounds.including(own.min).including(own.max)
+        })
+    }
+}
+
+/// Positions, normals and triangles of several surfaces as one, around the centre of their boxes.
+pub(super) struct Merged {
+    pub(super) bounds: Bounds,
+    pub(super) positions: Vec<Vec3>,
+    pub(super) normals: Vec<Vec3>,
+    pub(super) triangles: Vec<[u32; 3]>,
+}
+
+impl Merged {
+    pub(super) fn new(surface: &Surface<'_>) -> Self {
+        let bounds = surface.bounds();
+        let mut merged = Self { bounds, positions: Vec::new(), normals: Vec::new(), triangles: Vec::new() };
+        for (part, member) in surface.parts.iter().zip(surface.session.members()) {
+            let isosurface = &part.isosurface;
+            let first = merged.positions.len() as u32;
+            let shift = member.volume().world_bounds().centre() - bounds.centre();
+            merged.positions.extend(isosurface.positions().iter().map(|p| (p.as_dvec3() + shift).as_vec3()));
+            merged.normals.extend(isosurface.normals());
+            merged.triangles.extend(isosurface.mesh().triangles.iter().map(|t| t.map(|i| first + i)));
+        }
+        merged
+    }
+}

@@ -1,0 +1,101 @@
+//! Sessions over a small store: steps and whole, and what is refused.
+
+use super::*;
+use crate::bake::{self, Request, Silent};
+use crate::probe::{self, LatLong};
+use crate::relight::{Exposure, Material};
+use crate::scene::Effects;
+use crate::sh::Window;
+use crate::transfer::{Lattice, Layers, Layout};
+use crate::transport::Settings;
+use crate::volume::field;
+
+const ISOVALUE: f64 = 47.0;
+
+/// A store that holds one isovalue.
+fn store(folder: &std::path::Path) -> Store {
+    let volume = field::by_name("bumpbox:12").unwrap().unwrap().sample().unwrap();
+    let layers = Layers::uniform(2, 3).unwrap();
+    let layout = Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).unwrap(), layers: layers.clone() };
+    let settings = Settings { layers, rays: 4, seed: 0, target: None, positive: false };
+    let effects = Effects::default();
+    let mut request = Request::new(&volume, "bumpbox:12", layout, settings, &effects);
+    request.isovalues = Some(vec![ISOVALUE]);
+    bake::run(&request, folder.join("bumps.isolume"), &Silent).unwrap().0
+}
+
+fn material() -> Material {
+    Material::new([0.7, 0.5, 0.3], [0.0; 3]).unwrap()
+}
+
+#[test]
+fn steps_give_what_the_whole_gives_and_a_volume_read_before_what_the_store_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let session = Session::open(&store).unwrap();
+    let probe = probe::by_name("sun:30,40").unwrap().unwrap();
+    let options = LightOptions { split_sun: true, window: Window::Certified, ..LightOptions::default() };
+    let light = session.light(&probe, &options).unwrap();
+    let surface = session.surface(ISOVALUE).unwrap();
+    let whole = surface.lit(&light, &material(), &LitOptions::default()).unwrap();
+    let (volume, member) = (store.volume().unwrap(), &session.members()[0]);
+    let pyramid = Pyramid::new(&volume);
+    let alone = Session::alone(&store, &volume, &pyramid);
+    let part = alone.members()[0].select(member.extract(ISOVALUE).unwrap());
+    let in_steps = alone.surface_of(vec![part]).unwrap();
+    let steps = in_steps.contract(&light, &material(), &[]).unwrap().look_up(Exposure::Percentile).unwrap();
+    assert!(whole.sun_rays() > 0 && !whole.radiance().is_empty());
+    assert_eq!(whole.radiance(), steps.radiance());
+    assert_eq!(whole.record(), steps.record());
+    let told = whole.notes();
+    assert!(matches!(told[..], [LightNote::Sun { .. }, LightNote::Window(_), LightNote::Clamped(_)]), "{told:?}");
+}
+
+#[test]
+fn isovalues_that_were_never_baked_are_refused_with_those_that_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let session = Session::open(&store).unwrap();
+    let probe = probe::by_name("constant").unwrap().unwrap();
+    let light = session.light(&probe, &LightOptions::default()).unwrap();
+    let surface = session.surface(20.0).unwrap();
+    match surface.lit(&light, &material(), &LitOptions::default()).map(|_| ()) {
+        Err(Error::Unbaked { isovalue: 20.0, unbaked, lookups, holds_all: false, isovalues, .. }) => {
+            assert_eq!(isovalues, [ISOVALUE]);
+            assert!(0 < unbaked && unbaked <= lookups && lookups == surface.vertices() as u64);
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn unknown_luminaires_members_and_negative_light_that_is_to_be_certified_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let session = Session::open(&store).unwrap();
+    let refused = |result: Result<()>, name: &str| match result {
+        Err(Error::Argument { name: found, .. }) => assert_eq!(found, name),
+        other => panic!("{name}: {other:?}"),
+    };
+    let mut probe = probe::by_name("constant").unwrap().unwrap();
+    let light = session.light(&probe, &LightOptions::default()).unwrap();
+    let luminaires = vec![LuminaireFactor { luminaire: "ceiling".into(), factor: [1.0; 3] }];
+    let surface = session.surface(ISOVALUE).unwrap();
+    refused(
+        surface.lit(&light, &material(), &LitOptions { luminaires, ..Default::default() }).map(|_| ()),
+        "luminaire",
+    );
+    refused(session.member("other").map(|_| ()), "isovalue");
+    let picture = PictureOptions {
+        scale_bar: true,
+        projection: crate::render::Projection::Perspective(35.0),
+        ..PictureOptions::default()
+    };
+    let lit = surface.lit(&light, &material(), &LitOptions::default()).unwrap();
+    refused(lit.picture(&picture).map(|_| ()), "scale bar");
+    let empty = PictureOptions { width: 0, ..PictureOptions::default() };
+    refused(lit.picture(&empty).map(|_| ()), "picture");
+    probe.image = LatLong::new(2, 1, vec![[1.0; 3], [1.0, -0.5, 1.0]]).unwrap();
+    let certified = LightOptions { window: Window::Certified, ..LightOptions::default() };
+    refused(session.light(&probe, &certified).map(|_| ()), "window");
+}
