@@ -2,9 +2,9 @@
 //!
 //! cargo run --release --example bake -- brain.nii.gz 90 brain.isolume
 
-use isolume::bake::{Bake, Observer, Task};
-use isolume::scene::Scene;
+use isolume::bake::Task;
 use isolume::transport::Progress;
+use isolume::{Bake, Observer, Scene};
 use std::{sync::atomic::Ordering, time::Duration, time::Instant};
 
 struct Watch(Instant);

@@ -3,10 +3,9 @@
 //! cargo run --release --example coupled -- pair.isolume
 
 use glam::{DMat3, DVec3};
-use isolume::bake::{Bake, Silent};
-use isolume::glam;
-use isolume::scene::{Coupling, Scene};
+use isolume::scene::Coupling;
 use isolume::volume::{Volume, field};
+use isolume::{Bake, Scene, Silent, glam};
 
 fn named(name: &str, field: &str) -> Result<Volume, Box<dyn std::error::Error>> {
     let mut volume = field::by_name(field)?.ok_or("no such field")?.sample()?;

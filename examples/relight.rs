@@ -4,10 +4,7 @@
 //! cargo run --release --example bake -- target/bumps.isolume
 //! cargo run --release --example relight -- target/bumps.isolume 30
 
-use isolume::probe;
-use isolume::relight::Material;
-use isolume::session::{LightOptions, LitOptions, MeshOptions, Session};
-use isolume::transfer::store::Store;
+use isolume::{LightOptions, LitOptions, Material, MeshOptions, Session, Store, probe};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);

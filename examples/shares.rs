@@ -2,9 +2,7 @@
 //!
 //! cargo run --release --example shares -- FOLDER
 
-use isolume::bake::{Bake, Silent};
-use isolume::scene::Scene;
-use isolume::transfer::store::{Store, StoreOptions};
+use isolume::{Bake, Scene, Silent, Store, StoreOptions};
 use std::path::PathBuf;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

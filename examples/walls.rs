@@ -3,11 +3,9 @@
 //! cargo run --release --example walls -- room.isolume
 
 use glam::DVec3;
-use isolume::bake::{Bake, Silent};
-use isolume::glam;
-use isolume::scene::Scene;
 use isolume::scene::geometry::{Finish, Geometry, Luminaire, LuminaireShape, Shape, Wall};
 use isolume::volume::field;
+use isolume::{Bake, Scene, Silent, glam};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let store = std::env::args().nth(1).ok_or("name a store")?;

@@ -1,15 +1,42 @@
 //! Precomputed light transfer on every isosurface of a volume: bake once, then relight any isosurface by any
 //! distant environment, as dot products.
 //!
-//! This page is the map: read it in five minutes and you know where a change belongs. What a word means in
+//! ```
+//! use isolume::{Bake, LightOptions, LitOptions, Material, MeshOptions, Scene, Session, Silent, probe};
+//!
+//! # fn main() -> isolume::Result<()> {
+//! # let folder = tempfile::tempdir().map_err(|e| isolume::Error::io("", "make a folder", e))?;
+//! # let path = |name: &str| folder.path().join(name);
+//! let scene = Scene::open("bumpbox:12")?; // a volume file, an analytic field, or a scene.toml
+//! let bake = Bake::of(&scene).isovalues([47.0]).layers(2).bands(3).rays(16);
+//! let (store, _) = bake.run(path("bumps.isolume"), &Silent)?; // once, for every light; goes on if it was stopped
+//!
+//! let session = Session::open(&store)?;
+//! let surface = session.surface(47.0)?;
+//! for name in ["sunset", "studio"] {
+//!     let light = probe::open(name, &Default::default())?; // or an HDR image
+//!     let light = session.light(&light, &LightOptions::default())?;
+//!     let lit = surface.lit(&light, &Material::new([0.7; 3], [0.0; 3])?, &LitOptions::default())?;
+//!     lit.write_gltf(path(&format!("{name}.glb")), &MeshOptions::default())?;
+//! }
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! [`Scene`] says what is lit, [`Bake`] fills a [`Store`], [`Session`] relights it: the command line is a caller of these, as
+//! your program may be. More in `examples/`: `bake` (to an error, resumably, watched), `relight`, `walls`, `coupled`, `shares`,
+//! `custom_field`. Modules that are not listed below ([`transport`], [`level`], [`sh`] and others) are the insides: public for
+//! tests and measurements, and free to change.
+//!
+//! The rest of this page is the map: read it in five minutes and you know where a change belongs. What a word means in
 //! numbers is stated once, in the module named.
 //!
 //! # Data path
 //! ```text
-//! volume file ─volume::open→ Volume ─level::Pyramid→ scene::plan → transport::bake → bricks ─transfer::store→ disk
+//! file, field, .toml ─scene→ Scene ─bake→ plan → transport → bricks ─transfer::store→ disk
 //!                                                                       (once, no light in hand)
 //! environment ─probe::open→ image ─project, rotate→ relight::Light ┐
-//! Volume ─surface::extract(c)→ Mesh ─positions─────────────────────┴→ relight → vertex colours ─export→ .glb .ply
+//! Store ─session→ Volume ─surface::extract(c)→ Mesh ───────────────┴→ relight → vertex colours ─export→ .glb .ply
 //!                                                                       (often, in milliseconds)
 //! Volume, light ─render→ preview picture ─export→ .png
 //! Bricks, Volume, probes ─view→ a page that does all of this on the GPU of a browser
@@ -21,7 +48,7 @@
 //!
 //! Walls and luminaires around the volume are the same for every isovalue. Where a scene has them, transfer has three
 //! channels and each luminaire a texture of its own ([`transfer::Group`]), and another estimator fills them
-//! ([`transport::bake_scene`]); the albedo of the level set and the power of the luminaires stay free for relighting.
+//! ([`transport::Bake::among`]); the albedo of the level set and the power of the luminaires stay free for relighting.
 //! Other volumes may stand there too: a ray then carries an isovalue for each, and [`scene::Coupling`] says which belong
 //! together; every volume gets a texture of its own.
 //!
@@ -59,6 +86,7 @@
 //! | [`finding`] | what a diagnosis found, how often, what is done about it | everything else |
 //! | [`mod@file`] | opening plain files, and those that other files name | formats |
 //! | `staging` | files and directories that appear whole, what killed processes leave | what is in them |
+//! | [`grid3`] | places in a grid of three axes and their linear index | everything else |
 //! | [`geom`] | directions, normals as covectors, frames, boxes, affine maps | everything else |
 //! | [`sampling`] | numbers by their index, Owen-Sobol points, warps in threes, statistics, `DirectionalSource` | volumes, SH, threads, the clock |
 //! | [`sh`] | basis, coefficients, projection, rotation, windows | colour, images, volumes |
@@ -85,10 +113,6 @@
 //!   solver code: the crate `libm`.
 //! * Errors are values ([`Error`]); a panic is a bug. The library never prints, exits or reads the clock.
 //! * A texel can be replayed alone (`isolume bake --replay-texel x,y,z`, [`transport::replay`]).
-//!
-//! # Start here
-//! `examples/bake.rs`, `examples/relight.rs` and `examples/custom_field.rs` use the public interface alone, each in
-//! under sixty lines.
 
 // Bad input is an `Err`: what only tests may do does not compile elsewhere at the gate, which makes warnings errors.
 #![cfg_attr(
@@ -97,30 +121,54 @@
 )]
 
 pub mod error;
+#[doc(hidden)]
 pub mod finding;
+#[doc(hidden)]
 pub mod file;
 mod staging;
+#[doc(hidden)]
+pub mod grid3;
 pub mod geom;
+#[doc(hidden)]
 pub mod sampling;
+#[doc(hidden)]
 pub mod sh;
 pub mod volume;
+#[doc(hidden)]
 pub mod level;
+#[doc(hidden)]
 pub mod surface;
 pub mod scene;
+#[doc(hidden)]
 pub mod transfer;
+#[doc(hidden)]
 pub mod transport;
 pub mod bake;
 pub mod probe;
+#[doc(hidden)]
 pub mod relight;
+#[doc(hidden)]
 pub mod render;
+#[doc(hidden)]
 pub mod compare;
+#[doc(hidden)]
 pub mod study;
+#[doc(hidden)]
 pub mod export;
 pub mod session;
+#[doc(hidden)]
 pub mod view;
 #[cfg(feature = "cli")]
+#[doc(hidden)]
 pub mod cli;
 
+pub use bake::{Bake, Observer, Silent};
 pub use error::{Error, Result};
 /// The crate whose vectors and matrices are in the public interface, in the version that is.
 pub use glam;
+pub use probe::Probe;
+pub use relight::{Exposure, Material};
+pub use scene::Scene;
+pub use session::{LightOptions, LitOptions, MeshOptions, Session};
+pub use transfer::store::{Store, StoreOptions};
+pub use volume::{Isovalue, Volume};

@@ -2,6 +2,7 @@
 
 use super::Request;
 use crate::error::Result;
+use crate::grid3;
 use crate::transfer::store::{Baked, Store};
 use crate::transfer::{CHUNK, Selection};
 use crate::transfer::{extents_by_chunk, texels_of_isosurface};
@@ -55,7 +56,7 @@ impl<'a> Pending<'a> {
         let mut touched: Vec<Vec<usize>> = vec![Vec::new(); cx * cy * cz];
         for i in 0..pending.wanted.len() {
             let selection = pending.selection_of(key(pending.wanted[i].isovalue));
-            let at = |c: usize| [c % cx, c / cx % cy, c / cx / cy];
+            let at = |c: usize| grid3::at([cx, cy], c);
             let chunks: Vec<usize> = (0..cx * cy * cz).filter(|&c| selection.touches_chunk(at(c))).collect();
             chunks.into_iter().for_each(|c| touched[c].push(i));
         }
@@ -66,7 +67,7 @@ impl<'a> Pending<'a> {
             {
                 continue;
             }
-            let chunk = [c % cx, c / cx % cy, c / cx / cy];
+            let chunk = grid3::at([cx, cy], c);
             let extent = store.chunk_extent(chunk)?.unwrap_or_default();
             let missing: Vec<usize> = asked.iter().copied().filter(|&i| !extent.covers(&pending.wanted[i])).collect();
             if missing.is_empty() {
@@ -97,7 +98,7 @@ impl<'a> Pending<'a> {
             let of_one = extents_by_chunk(self.job.volume, lattice, c);
             extents.iter_mut().zip(of_one).for_each(|(sum, extent)| *sum += extent);
         }
-        let extent = |chunk: &[usize; 3]| extents[chunk[0] + cx * (chunk[1] + cy * chunk[2])];
+        let extent = |chunk: &[usize; 3]| extents[grid3::index([cx, cy], chunk)];
         for group in &mut self.groups {
             group.chunks.sort_by(|a, b| extent(b).total_cmp(&extent(a)));
         }

@@ -5,6 +5,7 @@ use super::pending::Pending;
 use super::run::parts;
 use super::{Goal, Report, Request, goal};
 use crate::error::Result;
+use crate::grid3;
 use crate::level::Pyramid;
 use crate::transfer::store::{Baked, ChunkCheck, ChunkExtent, ErrorTarget, Store};
 use crate::transport::Settings;
@@ -17,12 +18,12 @@ const MOST_NAMED: usize = 8;
 /// earlier run set aside and did not bake again.
 pub(super) fn set_damage_aside(job: &Request<'_>, store: &Store, observer: &dyn Observer) -> Result<BTreeSet<usize>> {
     let [cx, cy, cz] = job.layout.lattice.chunks();
-    let linear = |[x, y, z]: [usize; 3]| x + cx * (y + cy * z);
+    let linear = |[x, y, z]: [usize; 3]| grid3::index([cx, cy], [x, y, z]);
     let mut candidates: Vec<[usize; 3]> = match job.writing.verify_all {
-        true => (0..cx * cy * cz).map(|c| [c % cx, c / cx % cy, c / cx / cy]).collect(),
+        true => grid3::all([cx, cy, cz]).collect(),
         false => {
             let selection = job.selection();
-            let all = (0..cx * cy * cz).map(|c| [c % cx, c / cx % cy, c / cx / cy]);
+            let all = grid3::all([cx, cy, cz]);
             all.filter(|&chunk| selection.touches_chunk(chunk)).collect()
         }
     };
@@ -90,7 +91,7 @@ pub(super) fn complete(
     }
     let [cx, cy, _] = job.layout.lattice.chunks();
     for &c in damaged {
-        store.clear_set_aside([c % cx, c / cx % cy, c / cx / cy])?;
+        store.clear_set_aside(grid3::at([cx, cy], c))?;
     }
     Ok(())
 }

@@ -7,9 +7,7 @@ use super::{Failure, Outcome, baking, info, input, text};
 use crate::error::{Error, Result};
 use crate::finding::Finding;
 use crate::probe::{self, Layout, ReadOptions};
-use crate::transfer::store::{self, Holdings, Store};
-use crate::transfer::texels_of_isosurfaces;
-use crate::transfer::{Lattice, Selection};
+use crate::transfer::store::{self, Store, complete};
 use crate::volume::{self, Volume};
 use crate::{level, volume::field};
 use serde_json::{Value, json};
@@ -159,7 +157,7 @@ impl Doctor {
 fn store_at(argument: &str) -> Result<Diagnosis> {
     let store = Store::open(argument)?;
     let lattice = store.layout().lattice;
-    let found = store::diagnose(&store, &|volume, held| selection(lattice, volume, held))?;
+    let found = store::diagnose(&store, &|volume, held| complete::selection(lattice, volume, held))?;
     let identity = store.identity();
     let [x, y, z] = identity.texels;
     let bytes = baking::size_on_disk(Path::new(argument));
@@ -185,13 +183,9 @@ fn store_at(argument: &str) -> Result<Diagnosis> {
     for name in volumes.split_first().map_or(&[][..], |(_, others)| others) {
         let other = store.of_volume(name)?;
         let lattice = other.layout().lattice;
-        findings.extend(store::diagnose(&other, &|volume, held| selection(lattice, volume, held))?.findings);
+        findings.extend(store::diagnose(&other, &|volume, held| complete::selection(lattice, volume, held))?.findings);
     }
     Ok(Diagnosis { summary, facts, findings })
-}
-
-pub(super) fn selection(lattice: Lattice, volume: &Volume, held: &Holdings) -> Selection {
-    texels_of_isosurfaces(volume, lattice, if held.all { None } else { Some(&held.isovalues) })
 }
 
 /// What an argument is: a name first, then a directory, then the first bytes of a file.

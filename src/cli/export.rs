@@ -1,6 +1,5 @@
 //! `isolume export`: the relit texture as a volume for other programs.
 
-use super::complete::Completeness;
 use super::console::Console;
 use super::info::check_store;
 use super::inputs::Inputs;
@@ -10,10 +9,12 @@ use super::{Outcome, text};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::export::field::{RadianceField, write_nrrd, write_raw, write_raw_header, write_vti};
+use crate::grid3;
 use crate::probe::EnvFrame;
 use crate::relight::{LookupReport, Material};
 use crate::scene::MaterialRule;
 use crate::session::{Lighting, radiance_of_bricks};
+use crate::transfer::store::Completeness;
 use crate::transfer::store::Store;
 use crate::transfer::{BRICK, BrickSource, BrickView, Lattice, Selection, validity};
 use crate::volume::Volume;
@@ -88,7 +89,7 @@ impl Export {
         let [mx, my, mz] = layout.lattice.texels();
         let mut report = LookupReport::default();
         for i in 0..mx * my * mz {
-            let texel = [i % mx, i / mx % my, i / mx / my];
+            let texel = grid3::at([mx, my], i);
             let at = layout.lattice.grid_from_texel(texel);
             let before = report;
             let rgb =

@@ -1,12 +1,12 @@
 //! `isolume info`: what is in a volume or a store.
 
-use super::complete::Completeness;
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::{Chosen, Isovalue};
 use super::{Outcome, baking, input, text};
 use crate::error::{Error, Result};
 use crate::file;
+use crate::transfer::store::Completeness;
 use crate::transfer::store::{Holdings, Store};
 use crate::transfer::texels_of_isosurface;
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, Selection};

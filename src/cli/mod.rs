@@ -9,7 +9,6 @@ mod baking;
 mod bake;
 mod cache;
 mod compare;
-mod complete;
 mod completions;
 mod console;
 mod demo;

@@ -3,6 +3,7 @@
 
 use super::{LevelField, Pyramid};
 use crate::finding::Finding;
+use crate::grid3;
 use crate::volume::{Sample, Volume, with_samples};
 
 /// Share of clamped texels above which the data is worth a word.
@@ -78,7 +79,7 @@ fn census<T: Sample>(field: &LevelField<'_, T>, samples: &[T], c_raw: f64) -> Ce
     let mut census = Census::default();
     for (i, _) in needed.iter().enumerate().filter(|(_, n)| **n) {
         census.texels += 1;
-        match field.site([i % nx, i / nx % ny, i / (nx * ny)].map(|v| v as f64)) {
+        match field.site(grid3::at([nx, ny], i).map(|v| v as f64)) {
             None => census.invalid += 1,
             Some(site) => census.clamped += u64::from(site.clamped),
         }
@@ -94,7 +95,7 @@ mod tests {
 
     fn volume(dims: [usize; 3], value: impl Fn([usize; 3]) -> u8) -> Volume {
         let [nx, ny, nz] = dims;
-        let samples = (0..nx * ny * nz).map(|i| value([i % nx, i / nx % ny, i / (nx * ny)])).collect();
+        let samples = (0..nx * ny * nz).map(|i| value(grid3::at([nx, ny], i))).collect();
         Volume::new(dims, Samples::U8(samples), Affine::IDENTITY).unwrap()
     }
 

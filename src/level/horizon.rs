@@ -24,6 +24,7 @@ mod ceiling;
 
 use super::pyramid::Level;
 use super::{BLOCK_SHIFT, LevelField, Site};
+use crate::grid3;
 use crate::volume::Sample;
 use ceiling::{Ceiling, Ceilings};
 use glam::{DVec3, Vec3};
@@ -52,7 +53,7 @@ fn maxima(blocks: &Level, shift: u32) -> Level {
     let mut larger = Level { dims, max: vec![f32::NEG_INFINITY; dims.iter().product()], min: Vec::new() };
     let [bx, by, bz] = blocks.dims;
     for (i, &max) in blocks.max.iter().enumerate().take(bx * by * bz) {
-        let at = larger.index([i % bx, i / bx % by, i / bx / by].map(|b| b >> shift));
+        let at = larger.index(grid3::at([bx, by], i).map(|b| b >> shift));
         larger.max[at] = larger.max[at].max(max);
     }
     larger
@@ -142,7 +143,7 @@ impl<'f, 'v, T: Sample> Horizon<'f, 'v, T> {
         let upward =
             (0..=top).all(|level| self.block_lies_below(level, cell.map(|c| c >> LEVEL_SHIFTS[level]), &mut tangent));
         let [bx, by, bz] = self.level(top).dims;
-        let mut all = (0..bx * by * bz).map(|i| [i % bx, i / bx % by, i / bx / by]);
+        let mut all = grid3::all([bx, by, bz]);
         upward && all.all(|block| self.block_lies_below(top, block, &mut tangent))
     }
 

@@ -10,6 +10,7 @@ pub use self::textures::{LuminaireLight, Textures};
 use super::noise::NoiseWeights;
 use super::{Light, Material};
 use crate::error::Result;
+use crate::grid3;
 use crate::transfer::{BRICK, BRICK_TEXELS, BrickView, Lattice, Layers, validity};
 use glam::Vec4;
 use rayon::prelude::*;
@@ -195,7 +196,7 @@ fn each_brick<T>(
     let [bx, by, bz] = lattice.bricks();
     let mut slots = vec![NO_BRICK; bx * by * bz];
     for (slot, b) in bricks.iter().enumerate() {
-        slots[b[0] + bx * (b[1] + by * b[2])] = slot as u32;
+        slots[grid3::index([bx, by], b)] = slot as u32;
     }
     let (mut radiance, mut totals): (Vec<_>, Vec<Result<BrickTotals>>) = (Vec::new(), Vec::new());
     (0..bricks.len())

@@ -3,6 +3,7 @@
 use super::lookup::Cell;
 use super::{LookupReport, Textures};
 use crate::error::Result;
+use crate::grid3;
 use crate::sh;
 use crate::transfer::{BRICK, BrickSource, BrickView, Lattice, Layers, validity};
 use half::slice::HalfFloatSliceExt;
@@ -27,7 +28,7 @@ struct Bricks<'a> {
 impl<'a> Bricks<'a> {
     fn open(source: &'a dyn BrickSource) -> Result<Self> {
         let [bx, by, bz] = source.layout().lattice.bricks();
-        let index = |i: usize| [i % bx, i / bx % by, i / bx / by];
+        let index = |i: usize| grid3::at([bx, by], i);
         let views = (0..bx * by * bz).map(|i| source.brick(index(i))).collect::<Result<_>>()?;
         Ok(Self { views, count: source.layout().layers.coefficients() })
     }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::grid3;
 use crate::transfer::{BRICK, BRICK_TEXELS, Brick, Lattice, Layers, Layout, MemoryTexture, validity};
 use half::f16;
 
@@ -105,7 +106,7 @@ fn texture(bands: &[usize], texel: impl Fn([usize; 3]) -> Option<(Vec<f32>, bool
         let index = [b & 1, b >> 1 & 1, b >> 2];
         let mut brick = Brick::unbaked(&layers);
         for t in 0..BRICK_TEXELS {
-            let inner = [t % BRICK, t / BRICK % BRICK, t / BRICK / BRICK];
+            let inner = grid3::at([BRICK, BRICK], t);
             if let Some((values, valid)) = texel(std::array::from_fn(|a| index[a] * BRICK + inner[a])) {
                 for (to, from) in brick.transfer[t * n..(t + 1) * n].iter_mut().zip(values) {
                     *to = f16::from_f32(from);
@@ -128,7 +129,7 @@ fn contraction_is_a_dot_product() {
     let bands = [4, 3, 1];
     let value = |i: usize| ((i * 37 % 101) as f32 / 101.0 - 0.4) * 0.3;
     let texture = texture(&bands, |t| {
-        let first = t[0] + SIDE * (t[1] + SIDE * t[2]);
+        let first = grid3::index([SIDE, SIDE], t);
         // Chances to escape that fall, so that the tail is not empty.
         let mut v: Vec<f32> = (0..26).map(|i| value(first + i)).collect();
         (v[0], v[16], v[25]) = (0.15, 0.06, 0.02);
@@ -142,7 +143,7 @@ fn contraction_is_a_dot_product() {
     for t in [[0, 0, 0], [3, 7, 8], [11, 11, 11], [8, 0, 5]] {
         let found = contracted.radiance_at(t.map(|v| v as f32), [0.0, 0.0, 1.0], &light, &material, &mut report);
         let stored: Vec<f64> = {
-            let first = t[0] + SIDE * (t[1] + SIDE * t[2]);
+            let first = grid3::index([SIDE, SIDE], t);
             let mut v: Vec<f32> = (0..26).map(|i| value(first + i)).collect();
             (v[0], v[16], v[25]) = (0.15, 0.06, 0.02);
             v.iter().map(|&x| f16::from_f32(x).to_f64()).collect()

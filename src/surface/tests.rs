@@ -4,6 +4,7 @@ use super::reference::{Refined, Uniform};
 use super::table::{TABLE, cycles, regions};
 use super::*;
 use crate::geom::Affine;
+use crate::grid3;
 use crate::volume::{Samples, Solid};
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
@@ -201,7 +202,7 @@ fn noise_has_the_euler_characteristic_of_the_refined_trilinear_level_set() {
     let n = 35;
     let (mut edges, mut segments) = (0, 0);
     for i in 0..n * n * n {
-        let at = [i % n, i / n % n, i / (n * n)];
+        let at = grid3::at([n, n], i);
         for (axis, step) in [1, n, n * n].into_iter().enumerate() {
             edges += i64::from(at[axis] + 1 < n && sign(i) != sign(i + step));
             let next = (axis + 1) % 3;
@@ -263,7 +264,7 @@ fn whole_numbers_full_of_ties_stay_closed_and_without_degenerate_triangles() {
         for z in 1..n - 1 {
             for y in 1..n - 1 {
                 for x in 1..n - 1 {
-                    samples[x + n * (y + n * z)] = (levels * uniform.next()) as u8;
+                    samples[grid3::index([n, n], [x, y, z])] = (levels * uniform.next()) as u8;
                 }
             }
         }

@@ -1,6 +1,7 @@
 //! Which texels and chunks an isosurface needs.
 
 use super::{CHUNK, Lattice, Selection};
+use crate::grid3;
 use crate::surface::straddling_cells;
 use crate::volume::{Sample, Volume, with_samples};
 use rayon::prelude::*;
@@ -44,7 +45,7 @@ pub fn extents_by_chunk(volume: &Volume, lattice: Lattice, isovalue: f64) -> Vec
     with_samples!(volume.samples(), s => {
         for z in 0..cells.dims()[2] {
             cells.for_each_in_slab(z, |x, y| {
-                let values = corners.map(|offset| s[x + nx * (y + ny * z) + offset].raw());
+                let values = corners.map(|offset| s[grid3::index([nx, ny], [x, y, z]) + offset].raw());
                 let high = values.iter().copied().fold(f32::NEG_INFINITY, f32::max);
                 let low = values.iter().copied().fold(f32::INFINITY, f32::min);
                 let cell = [x, y, z];

@@ -1,6 +1,7 @@
 //! A set of texels, and the bricks and chunks that hold them.
 
 use super::{BRICK, CHUNK, Lattice};
+use crate::grid3;
 use crate::volume::{Sample, Volume, with_samples};
 
 /// A set of texels of a lattice: which of them to bake.
@@ -71,7 +72,7 @@ impl Selection {
     /// The bricks that hold texels of the set, x fastest.
     pub fn bricks(&self) -> Vec<[usize; 3]> {
         let [bx, by, bz] = self.lattice.bricks();
-        (0..bx * by * bz).map(|i| [i % bx, i / bx % by, i / bx / by]).filter(|&b| self.touches_brick(b)).collect()
+        grid3::all([bx, by, bz]).filter(|&b| self.touches_brick(b)).collect()
     }
 
     /// The lattice it is of.
@@ -81,7 +82,7 @@ impl Selection {
 
     fn index(&self, texel: [usize; 3]) -> usize {
         let [mx, my, _] = self.lattice.texels();
-        texel[0] + mx * (texel[1] + my * texel[2])
+        grid3::index([mx, my], texel)
     }
 
     /// Whether a texel is in the set; texels beyond the lattice are not.

@@ -3,6 +3,7 @@
 
 use super::{BRICK, BRICK_TEXELS, Brick, BrickSource, BrickView, CHUNK, Layers, Layout};
 use crate::error::{Error, Result};
+use crate::grid3;
 
 /// A transfer texture held in memory.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,7 +57,7 @@ impl MemoryTexture {
     pub fn insert_chunk(&mut self, chunk: [usize; 3], bricks: Vec<Option<Brick>>) -> Result<()> {
         const SIDE: usize = CHUNK / BRICK;
         for (i, brick) in bricks.into_iter().enumerate() {
-            let inner = [i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE];
+            let inner = grid3::at([SIDE, SIDE], i);
             if let Some(brick) = brick {
                 self.insert(std::array::from_fn(|a| chunk[a] * SIDE + inner[a]), brick)?;
             }
@@ -111,7 +112,7 @@ impl BrickView<'_> {
 fn brick_slot(layout: &Layout, index: [usize; 3]) -> Result<usize> {
     check_index("brick", index, layout.lattice.bricks())?;
     let [nx, ny, _] = layout.lattice.bricks();
-    Ok(index[0] + nx * (index[1] + ny * index[2]))
+    Ok(grid3::index([nx, ny], index))
 }
 
 /// Whether an index (x, y, z) of a `what` lies in a box of `count`.

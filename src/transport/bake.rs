@@ -10,6 +10,7 @@ use super::scene_path::{Among, needs_photons};
 use super::summary::Summary;
 use super::sums::Real;
 use crate::error::{Error, Result};
+use crate::grid3;
 use crate::level::{Counts, LevelField, Pyramid, Site};
 use crate::scene::geometry::Geometry;
 use crate::transfer::{Brick, Group, Layers, Layout, Selection};
@@ -125,7 +126,7 @@ impl<'a> Bake<'a> {
     /// Chunks that hold selected texels, x fastest.
     pub fn chunks(&self) -> Vec<[usize; 3]> {
         let [cx, cy, cz] = self.layout.lattice.chunks();
-        let all = (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]);
+        let all = grid3::all([cx, cy, cz]);
         all.filter(|&c| self.selection.touches_chunk(c)).collect()
     }
 }
@@ -338,7 +339,7 @@ pub fn pilot(bake: &Bake<'_>, texels: u64) -> Result<Summary> {
     let mut picked = Vec::new();
     let mut seen = 0u64;
     for i in 0..all {
-        let texel = [i as usize % m[0], i as usize / m[0] % m[1], i as usize / m[0] / m[1]];
+        let texel = grid3::at([m[0], m[1]], i as usize);
         if bake.selection.contains(texel) {
             if seen % stride == stride / 2 {
                 picked.push(texel);

@@ -3,6 +3,7 @@
 
 use super::bake::Progress;
 use crate::error::{Error, Result};
+use crate::grid3;
 use crate::transfer::{BRICK, CHUNK};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -100,7 +101,7 @@ pub(super) fn for_each_chunk<Old: Send + Sync, Out: Send, Done: Send, Scratch: D
                 old
             };
             let Some(old) = old else { return };
-            let inner = [slot % PER_SIDE, slot / PER_SIDE % PER_SIDE, slot / PER_SIDE / PER_SIDE];
+            let inner = grid3::at([PER_SIDE, PER_SIDE], slot);
             let index = std::array::from_fn(|a| chunk[a] * PER_SIDE + inner[a]);
             let output = work(&mut scratch, &old, index, slot);
             if progress.cancel.load(Ordering::Relaxed) {
@@ -178,7 +179,7 @@ mod tests {
                         &mut |chunk, outputs: Vec<Option<(usize, [usize; 3])>>| {
                             assert_eq!(outputs.len(), BRICKS);
                             for (slot, output) in outputs.iter().enumerate() {
-                                let inner = [slot % PER_SIDE, slot / PER_SIDE % PER_SIDE, slot / PER_SIDE / PER_SIDE];
+                                let inner = grid3::at([PER_SIDE, PER_SIDE], slot);
                                 let index = std::array::from_fn(|a| chunk[a] * PER_SIDE + inner[a]);
                                 assert_eq!(*output, (slot != 5).then_some((chunk[0], index)));
                             }

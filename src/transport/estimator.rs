@@ -5,6 +5,7 @@ use super::open::{Openness, unoccluded};
 use super::path::{Scratch, Settings, TexelEstimate};
 use super::summary::Summary;
 use super::sums::Real;
+use crate::grid3;
 use crate::level::{Counts, LevelField, Site};
 use crate::transfer::{BRICK, BRICK_TEXELS, Brick, Layers, validity};
 use crate::volume::Sample;
@@ -97,7 +98,7 @@ pub struct BrickOutput {
 /// The linear index of a texel.
 pub(super) fn item_of(bake: &Bake<'_>, texel: [usize; 3]) -> u64 {
     let [mx, my, _] = bake.layout.lattice.texels();
-    (texel[0] + mx * (texel[1] + my * texel[2])) as u64
+    (grid3::index([mx, my], texel)) as u64
 }
 
 /// Blank estimates, one a texture.
@@ -118,7 +119,7 @@ pub(super) fn brick_of<E: Estimator>(
     let mut summary = Summary::new(all_layers);
     let mut out = estimates_of(estimator);
     for t in 0..BRICK_TEXELS {
-        let inner = [t % BRICK, t / BRICK % BRICK, t / BRICK / BRICK];
+        let inner = grid3::at([BRICK, BRICK], t);
         let texel: [usize; 3] = std::array::from_fn(|a| index[a] * BRICK + inner[a]);
         if !bake.selection.contains(texel) {
             continue;

@@ -6,6 +6,7 @@ use super::path::{Alive, PointsTaken, Settings, TexelEstimate, continuation};
 use super::scene_path::Among;
 use crate::error::{Error, Result};
 use crate::geom::Frame;
+use crate::grid3;
 use crate::level::{Counts, LevelField, Outcome, Site};
 use crate::sampling::{PathSampler, warp};
 use crate::volume::{Sample, with_samples};
@@ -109,7 +110,7 @@ pub fn replay_texel(bake: &Bake<'_>, texel: [usize; 3]) -> Result<Option<Replaye
         return Err(Error::argument("texel", given, expected, "the texture is smaller"));
     }
     let estimates = estimates(bake, &[(texel, bake.settings.rays)])?.swap_remove(0).unwrap_or_default();
-    let item = (texel[0] + m[0] * (texel[1] + m[1] * texel[2])) as u64;
+    let item = (grid3::index([m[0], m[1]], texel)) as u64;
     with_samples!(bake.volume.samples(), s => {
         let field = LevelField::new(bake.volume, s, bake.pyramid);
         let Some(site) = field.site(bake.layout.lattice.grid_from_texel(texel)) else { return Ok(None) };

@@ -4,6 +4,7 @@
 use super::path::{Scratch, estimate};
 use super::*;
 use crate::geom::Affine;
+use crate::grid3;
 use crate::level::{Counts, LevelField, Pyramid};
 use crate::sampling::statistics::{Running, half_interval_95};
 use crate::sh::{self, Coefficients};
@@ -40,7 +41,7 @@ fn for_each_texel(
     let [nx, ny, _] = volume.dims();
     let (mut scratch, mut counts, mut out) = (Scratch::default(), Counts::default(), TexelEstimate::default());
     for i in (0..samples.len()).step_by(stride) {
-        let texel = [i % nx, i / nx % ny, i / nx / ny].map(|v| v as f64);
+        let texel = grid3::at([nx, ny], i).map(|v| v as f64);
         let at = volume.world_from_grid().point(DVec3::from_array(texel)).as_vec3();
         if wanted(at) {
             let site = field.site(texel).unwrap();

@@ -2,6 +2,7 @@
 
 use super::{Sample, Samples, Solid, Volume};
 use crate::error::Result;
+use crate::grid3;
 
 /// What was taken away.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -112,7 +113,7 @@ fn fall(mut waiting: Vec<usize>, [nx, ny, nz]: [usize; 3], height: &dyn Fn(usize
         for z in z.saturating_sub(1)..=(z + 1).min(nz - 1) {
             for y in y.saturating_sub(1)..=(y + 1).min(ny - 1) {
                 for x in x.saturating_sub(1)..=(x + 1).min(nx - 1) {
-                    let j = x + nx * (y + ny * z);
+                    let j = grid3::index([nx, ny], [x, y, z]);
                     let there = height(j);
                     if there < here && there <= 0.0 && !seen.has(j) {
                         seen.insert(j);
@@ -170,7 +171,7 @@ mod tests {
     /// All parts by the definition: labels spread until nothing changes.
     fn by_definition(dims: [usize; 3], samples: &[u8], c: u8) -> Vec<u8> {
         let [nx, ny, _] = dims;
-        let at = |i: usize| [i % nx, i / nx % ny, i / (nx * ny)];
+        let at = |i: usize| grid3::at([nx, ny], i);
         let mut label: Vec<usize> = (0..samples.len()).collect();
         loop {
             let mut changed = false;

@@ -7,7 +7,10 @@ use isolume::level::Pyramid;
 use isolume::relight::{Light, LookupReport};
 use isolume::sampling::statistics::{Running, normal_two_sided, sidak};
 use isolume::scene::geometry::{Finish, Geometry, Luminaire, LuminaireShape, Shape, Wall};
-use isolume::transport::{SceneReference, scene_radiance, trace_photons};
+use isolume::transfer::{BRICK, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, texels_of_isosurface};
+use isolume::transport::{
+    Bake, ChunkBricks, Progress, SceneReference, Settings, Target, bake, estimates, scene_radiance, trace_photons,
+};
 use isolume::volume::Volume;
 use isolume::volume::field::{by_name, sample};
 use std::f64::consts::PI;
@@ -316,4 +319,58 @@ fn paths_cut_among_mirrors_are_counted() {
     let closed = baked(&volume, &geometry, &[-0.6], 16, 1).summary;
     let ends = closed.trapped + closed.lost + closed.scene.cut + closed.scene.lost_specular;
     assert!(ends <= closed.paths && ends as f64 > 0.999 * closed.paths as f64, "{:?}", closed.scene);
+}
+
+/// Texels among walls stop at the standard error asked for: the root mean square of what they are off under the lamp is not
+/// above it, and not so far below that paths are wasted. Of n independent texels an RMS scatters by 1/√(2n).
+#[test]
+fn texels_among_walls_stop_at_the_error_asked_for() {
+    const ALBEDO: f32 = 0.7;
+    let (volume, geometry) = box_scene(ceiling());
+    let layers = Layers::uniform(3, 1).expect("layers").coloured();
+    let lattice = Lattice::from_ratio(volume.dims(), 1.0).expect("a lattice");
+    let layout = Layout { lattice, layers: layers.clone() };
+    let all = texels_of_isosurface(&volume, lattice, 47.0);
+    let [nx, ny, nz] = lattice.texels();
+    let places = (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]).filter(|t| all.contains(*t));
+    let texels: Vec<[usize; 3]> = places.step_by(29).collect();
+    let mut selection = Selection::empty(lattice);
+    texels.iter().for_each(|t| selection.insert(*t));
+    let pyramid = Pyramid::new(&volume);
+    let factor = f64::from(geometry.exponents(&volume)[0]).exp2();
+    let lit = |gains: &[f32]| -> f64 {
+        let layers = gains.chunks_exact(3).enumerate();
+        layers
+            .map(|(k, g)| f64::from(ALBEDO).powi(k as i32 + 1) * factor * f64::from(g.iter().sum::<f32>()) / 3.0)
+            .sum()
+    };
+    let plain = Settings { layers: layers.clone(), rays: 4096, seed: 77, target: None, positive: false };
+    let job = Bake::new(&volume, &pyramid, &layout, &plain, &selection).among(Some(&geometry));
+    let asked: Vec<_> = texels.iter().map(|&t| (t, 4096)).collect();
+    let truth: Vec<Option<f64>> =
+        estimates(&job, &asked).expect("texels").iter().map(|t| Some(lit(&t.as_ref()?[2].transfer))).collect();
+    let known = truth.iter().flatten().count() as f64;
+    let mean = truth.iter().flatten().sum::<f64>() / known;
+    for error in [0.1f32, 0.04] {
+        let weights = (1..=3).map(|k| (f64::from(ALBEDO).powi(k) * factor / mean) as f32).collect();
+        let target = Target { luminaires: vec![weights], ..Target::escape(&layers, error) };
+        let settings = Settings { target: Some(target), seed: 5, ..plain.clone() };
+        let job = Bake::new(&volume, &pyramid, &layout, &settings, &selection).among(Some(&geometry));
+        let mut lamp = MemoryTexture::new(job.groups()[2].layout(&layout).expect("a layout"));
+        let mut keep = |chunk, mut groups: ChunkBricks| lamp.insert_chunk(chunk, groups.swap_remove(2));
+        let summary = bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut keep).expect("a bake");
+        let (mut square, mut used) = (0.0, 0.0);
+        for (texel, truth) in texels.iter().zip(&truth).filter_map(|(t, truth)| Some((t, (*truth)?))) {
+            let brick = lamp.brick(texel.map(|i| i / BRICK)).expect("a brick").expect("baked");
+            let t = texel[0] % BRICK + BRICK * (texel[1] % BRICK + BRICK * (texel[2] % BRICK));
+            let gains: Vec<f32> = brick.transfer[9 * t..9 * t + 9].iter().map(|v| v.to_f32()).collect();
+            square += ((lit(&gains) - truth) / mean).powi(2);
+            used += 1.0;
+        }
+        let (rms, paths) = ((square / used).sqrt(), summary.paths as f64 / summary.valid as f64);
+        println!("error {error}: RMS {rms:.4} over {used} texels, {paths:.0} paths a texel");
+        let scatter = 3.0 / (2.0 * f64::from(used as f32)).sqrt();
+        assert!(used > 50.0 && rms < f64::from(error) * (1.0 + scatter), "{rms} for {error}");
+        assert!(rms > 0.25 * f64::from(error), "{rms} for {error}: paths are wasted");
+    }
 }

@@ -264,13 +264,17 @@ fn luminaires_are_relit_without_rays() {
         ("relight room.isolume --isovalue 47 -o x.ply --luminaire celing=2", "did you mean ceiling?"),
         ("relight plain.isolume --isovalue 47 --env sky -o x.ply --luminaire ceiling=2", "a scene with luminaires"),
         ("relight room.isolume --isovalue 47 --env sun:30,40 --sun-split -o x.ply", "walls of a scene"),
-        ("bake room.toml --error 1% -o x.isolume", "a number of rays"),
         ("bake room.toml --estimator gather -o x.isolume", "path"),
         ("compare room.isolume --isovalue 47 --env sky", "scene"),
     ] {
         let text = bench.refuses(line);
         assert!(text.contains(words), "{line}: {text}");
     }
+    // An error is for scenes as for volumes.
+    let to_error = bench.json("bake room.toml --error 20% --rays 64 -o error.isolume");
+    let (target, found) = (&to_error["bake"]["error_target"], &to_error["bake"]["escape_stderr"]["p50"]);
+    assert!(*target == 0.2 && found.as_f64().is_some_and(|e| e <= 0.2), "{to_error}");
+    assert!(to_error["bake"]["escape_stderr"]["of"].as_str().is_some_and(|of| of.contains("luminaires")), "{to_error}");
     // Without a luminaire an environment must be named.
     bench.command("relight plain.isolume --isovalue 47 -o x.ply").assert().code(2);
 }

@@ -63,7 +63,6 @@ fn a_pair_is_baked_into_one_store_and_lit_together() {
         ("relight pair.toml --cache c -o x.glb --isovalue 50", "bumps=50, which has no partner"),
         ("relight bumpbox:12 --cache c --env sky -o x.glb --isovalue bumps=47", "one volume alone"),
         ("relight bumpbox:12 --cache c --env sky -o x.glb --isovalue 47 --volume bumps", "one volume alone"),
-        ("bake pair.toml --chunks 1/2 -o x.isolume", "a scene of one volume"),
         ("bake pair.toml --isovalues 48 -o x.isolume", "bumps=48, which has no partner"),
     ] {
         let text = bench.refuses(line);
@@ -240,5 +239,44 @@ fn a_scene_is_relit_from_its_file() {
         // dozen sums in 32 bits. The tail is not, its ratio is a quotient of interpolated numbers.
         let allowed = if layers == 1 { 64.0 * f64::from(f32::EPSILON) * mean } else { tail };
         assert!(rms < allowed, "{layers} layers: {rms} {allowed}");
+    }
+}
+
+/// Two shares into two stores that are merged, and two into one store, relight as the whole does.
+#[test]
+fn shares_of_several_volumes_are_the_whole() {
+    let bench = Bench::new();
+    let scene =
+        PAIR.replace("COUPLING", "[[47, 0.6]]").replace("bumpbox:12", "bumpbox:40").replace("rays = 8", "rays = 4");
+    bench.write("pair.toml", scene);
+    bench.run("bake pair.toml -o whole.isolume");
+    for share in ["1/2", "2/2"] {
+        bench.run(&format!("bake pair.toml --chunks {share} -o {}.isolume", &share[..1]));
+        bench.run(&format!("bake pair.toml --chunks {share} -o both.isolume"));
+    }
+    bench.run("merge 1.isolume 2.isolume -o merged.isolume");
+    let [whole, both, merged] = ["whole", "both", "merged"].map(|name| {
+        bench.run(&format!("relight {name}.isolume --isovalue 47 --env sky --radiance -o {name}.ply"));
+        radiance(&bench.bytes(&format!("{name}.ply")))
+    });
+    assert!(!whole.is_empty() && whole == both && whole == merged);
+    assert!(bench.refuses("relight 1.isolume --isovalue 47 --env sky -o x.ply").contains("never baked"));
+}
+
+/// A texel of one of two volumes, path by path: what it turned on is named.
+#[test]
+fn texels_of_scenes_are_replayed() {
+    let bench = Bench::new();
+    bench.write("pair.toml", PAIR.replace("COUPLING", "[[47, 0.6]]"));
+    bench.run("bake pair.toml -o pair.isolume");
+    let replays = bench.run("bake pair.toml --json --replay-texel 5,5,5");
+    let mut all = serde_json::Deserializer::from_str(&replays).into_iter::<serde_json::Value>();
+    for _ in 0..2 {
+        let replay = all.next().expect("one a volume").expect("JSON");
+        let paths = replay["paths"].as_array().expect("paths");
+        assert_eq!(paths.len(), 8, "{replay}");
+        let turned = |path: &serde_json::Value| path["turned_on"].as_array().map_or(0, Vec::len);
+        assert!(paths.iter().all(|p| turned(p) == p["vertices_in_grid"].as_array().map_or(0, Vec::len)));
+        assert!(replay["groups"]["emission"]["transfer"].as_array().is_some_and(|t| t.len() == 6));
     }
 }

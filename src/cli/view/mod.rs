@@ -5,7 +5,6 @@ mod server;
 
 use super::baking;
 use super::cache::{Cache, Filled, InUse};
-use super::complete::Completeness;
 use super::console::Console;
 use super::info::{self, check_store};
 use super::input::VolumeArgs;
@@ -20,6 +19,7 @@ use crate::error::Error;
 use crate::export::atomic;
 use crate::probe::{EMBEDDED, Probe};
 use crate::scene::Member;
+use crate::transfer::store::Completeness;
 use crate::transfer::store::Store;
 use crate::view::page::page_in_one_file;
 use crate::view::{Coding, Options, Package, Subject, pack};

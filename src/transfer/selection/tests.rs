@@ -1,4 +1,5 @@
 use super::*;
+use crate::grid3;
 
 #[test]
 fn a_cell_adds_what_lookups_in_it_read_and_no_more() {
@@ -38,11 +39,11 @@ fn a_brick_is_touched_where_one_of_its_texels_is_in_the_set() {
         let lattice = Lattice::from_ratio([side, 9, 10], 1.0).unwrap();
         let [mx, my, mz] = lattice.texels();
         let [bx, by, bz] = lattice.bricks();
-        for texel in (0..mx * my * mz).step_by(7).map(|i| [i % mx, i / mx % my, i / mx / my]) {
+        for texel in (0..mx * my * mz).step_by(7).map(|i| grid3::at([mx, my], i)) {
             let mut selection = Selection::empty(lattice);
             selection.insert(texel);
             let both = Selection::empty(lattice).with(selection.clone());
-            for b in (0..bx * by * bz).map(|i| [i % bx, i / bx % by, i / bx / by]) {
+            for b in grid3::all([bx, by, bz]) {
                 let holds = (0..3).all(|a| texel[a] / BRICK == b[a]);
                 assert_eq!(selection.touches_brick(b), holds, "{texel:?} {b:?}");
                 assert_eq!(both.touches_brick(b), holds);

@@ -24,6 +24,7 @@ use super::identity::{FORMAT_VERSION, STAMPED_VERSION};
 use super::zarr::{self, FORMAT, Presence, SIDE, SLOTS, STAMP, ShardTail};
 use super::{ChunkExtent, Store};
 use crate::error::{Error, Result};
+use crate::grid3;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -114,7 +115,7 @@ impl Store {
 
     fn slot(&self, [x, y, z]: [usize; 3]) -> usize {
         let [nx, ny, _] = self.layout.lattice.chunks();
-        x + nx * (y + ny * z)
+        grid3::index([nx, ny], [x, y, z])
     }
 
     /// An error about one file of a chunk.
@@ -191,7 +192,7 @@ impl Store {
         }
         for (slot, brick) in bricks.iter().enumerate().filter_map(|(slot, b)| b.as_ref().map(|b| (slot, b))) {
             check_brick(brick, &self.layout.layers)?;
-            let inside = [slot % SIDE, slot / SIDE % SIDE, slot / (SIDE * SIDE)];
+            let inside = grid3::at([SIDE, SIDE], slot);
             let global = std::array::from_fn(|a| index[a] * SIDE + inside[a]);
             check_index("brick", global, self.layout.lattice.bricks())?;
         }
@@ -362,6 +363,6 @@ impl BrickSource for Store {
         check_index("brick", index, self.layout.lattice.bricks())?;
         let Some(chunk) = self.open_chunk(index.map(|i| i / SIDE))? else { return Ok(None) };
         let [x, y, z] = index.map(|i| i % SIDE);
-        self.view(chunk, x + SIDE * (y + SIDE * z))
+        self.view(chunk, grid3::index([SIDE, SIDE], [x, y, z]))
     }
 }

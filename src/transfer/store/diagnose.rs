@@ -21,6 +21,7 @@ use super::chunk::examine::{ChunkState, Texels};
 use super::{Baked, ChunkCheck, ChunkExtent, Holdings, Store, mend};
 use crate::error::{Error, Result};
 use crate::finding::Finding;
+use crate::grid3;
 use crate::transfer::Selection;
 use crate::volume::Volume;
 use std::path::Path;
@@ -63,7 +64,7 @@ pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selecti
         Err(other) => return Err(other),
     };
     let [cx, cy, cz] = store.layout.lattice.chunks();
-    let indices = || (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]);
+    let indices = || grid3::all([cx, cy, cz]);
     // The extents first: only all together do they say what should be there.
     let extents: Vec<ChunkExtent> = indices().filter_map(|i| store.chunk_extent(i).ok().flatten()).collect();
     let held = Holdings::of(&extents);

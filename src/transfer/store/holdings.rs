@@ -2,6 +2,7 @@
 
 use super::{ChunkExtent, Store};
 use crate::error::Result;
+use crate::grid3;
 use std::collections::BTreeMap;
 
 /// The claims of all chunks in one view.
@@ -49,7 +50,7 @@ impl Store {
     /// When a record is damaged or cannot be read.
     pub fn holdings(&self) -> Result<Holdings> {
         let [cx, cy, cz] = self.layout.lattice.chunks();
-        let extents = (0..cx * cy * cz).map(|i| self.chunk_extent([i % cx, i / cx % cy, i / cx / cy]));
+        let extents = (0..cx * cy * cz).map(|i| self.chunk_extent(grid3::at([cx, cy], i)));
         let extents: Vec<ChunkExtent> = extents.filter_map(Result::transpose).collect::<Result<_>>()?;
         Ok(Holdings::of(&extents))
     }

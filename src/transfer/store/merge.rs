@@ -2,6 +2,7 @@
 
 use super::{Store, StoreOptions};
 use crate::error::{Error, Result};
+use crate::grid3;
 use crate::transfer::{BRICK_TEXELS, Brick, Layers, validity};
 use std::path::Path;
 
@@ -101,7 +102,7 @@ impl Store {
         let [cx, cy, cz] = self.layout.lattice.chunks();
         let mut report = MergeReport::default();
         for c in 0..cx * cy * cz {
-            let chunk = [c % cx, c / cx % cy, c / cx / cy];
+            let chunk = grid3::at([cx, cy], c);
             let Some((theirs, their_extent)) = other.read_chunk(chunk)? else { continue };
             let Some((mut ours, mut extent)) = self.read_chunk(chunk)? else {
                 self.write_chunk(chunk, theirs, &their_extent)?;

@@ -49,6 +49,7 @@
 mod archive;
 mod backing;
 mod chunk;
+pub mod complete;
 pub mod diagnose;
 mod estimator;
 mod extent;
@@ -68,6 +69,7 @@ mod zarr;
 #[cfg(test)]
 mod tests;
 
+pub use complete::Completeness;
 pub use diagnose::{Diagnosis, diagnose};
 pub use estimator::{EstimatorIdentity, Shadows, Surroundings};
 pub use extent::{Baked, ChunkExtent, ErrorTarget};

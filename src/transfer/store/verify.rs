@@ -4,6 +4,7 @@ use super::chunk::ARRAYS;
 use super::chunk::examine::ChunkState;
 use super::{ChunkExtent, Store};
 use crate::error::{Error, Result};
+use crate::grid3;
 use crate::transfer::Selection;
 use rayon::prelude::*;
 use serde_json::Value;
@@ -175,7 +176,7 @@ impl Store {
         let mut all = self.read_asked()?.unwrap_or_default();
         let [cx, cy, cz] = self.layout.lattice.chunks();
         for i in 0..cx * cy * cz {
-            match self.chunk_extent([i % cx, i / cx % cy, i / cx / cy]) {
+            match self.chunk_extent(grid3::at([cx, cy], i)) {
                 Ok(Some(extent)) => all.join(&extent),
                 Ok(None) | Err(Error::Format { .. } | Error::Limit { .. }) => {}
                 Err(other) => return Err(other),

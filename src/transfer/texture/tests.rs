@@ -1,5 +1,6 @@
 use super::super::Lattice;
 use super::*;
+use crate::grid3;
 
 fn layout() -> Layout {
     Layout {
@@ -16,7 +17,7 @@ fn a_brick_comes_back_from_its_own_index_only() {
     assert!(texture.insert([1, 2, 0], brick.clone()).unwrap().is_none());
     let [nx, ny, nz] = layout().lattice.bricks();
     assert_eq!([nx, ny, nz], [2, 3, 3]);
-    for index in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
+    for index in grid3::all([nx, ny, nz]) {
         assert_eq!(texture.brick(index).unwrap().is_some(), index == [1, 2, 0]);
     }
     assert_eq!(texture.brick([1, 2, 0]).unwrap().unwrap().rays, &brick.rays[..]);

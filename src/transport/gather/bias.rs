@@ -4,6 +4,7 @@ use super::super::path::{Scratch, Settings, TexelEstimate, estimate};
 use super::cache::{Cache, Lookups};
 use super::estimate::Pass;
 use super::{Stream, stream_seed};
+use crate::grid3;
 use crate::level::{Counts, LevelField};
 use crate::sampling::hash::uniform;
 use crate::sampling::statistics::Running;
@@ -135,7 +136,7 @@ pub(super) fn pick(cache: &Cache, lattice: &Lattice, seed: u64, count: usize) ->
     for (rank, (at, _)) in cache.valid().iter().enumerate().filter(|&(_, &v)| v).enumerate() {
         if wanted.next_if_eq(&(rank as u64)).is_some() {
             let (brick, t) = (cache.bricks()[at / BRICK_TEXELS], at % BRICK_TEXELS);
-            let inner = [t % BRICK, t / BRICK % BRICK, t / BRICK / BRICK];
+            let inner = grid3::at([BRICK, BRICK], t);
             picked.push(std::array::from_fn(|a| brick[a] * BRICK + inner[a]));
         }
     }
@@ -165,7 +166,7 @@ pub(super) fn sample<T: Sample>(
             let mut counts = Counts::default();
             let mut out = TexelEstimate::default();
             let Some(site) = field.site(lattice.grid_from_texel(texel)) else { return (None, counts) };
-            let item = (texel[0] + mx * (texel[1] + my * texel[2])) as u64;
+            let item = (grid3::index([mx, my], texel)) as u64;
             let mut sampled = Sampled { gathered: [0.0; 2], traced: [0.0; 2] };
             for i in 0..2 {
                 gathers[i].estimate(field, &site, item, scratch, &mut counts, &mut Lookups::default(), &mut out);

@@ -1,5 +1,6 @@
 //! The radiance cache: the transfer texture of the passes so far, and its lookup at a hit.
 
+use crate::grid3;
 use crate::level::CellPoint;
 use crate::sh;
 use crate::transfer::{BRICK, BRICK_TEXELS, Lattice, Layers, Selection};
@@ -192,7 +193,7 @@ impl Cache {
         let [bx, by, bz] = lattice.bricks();
         let mut slots = vec![NO_BRICK; bx * by * bz];
         for (slot, b) in bricks.iter().enumerate() {
-            slots[b[0] + bx * (b[1] + by * b[2])] = slot as u32;
+            slots[grid3::index([bx, by], b)] = slot as u32;
         }
         let texels = bricks.len() * BRICK_TEXELS;
         let values = Values::zeros(precision, 0);
@@ -249,12 +250,12 @@ impl Cache {
     fn position(&self, texel: [usize; 3]) -> Option<usize> {
         let [bx, by, _] = self.lattice.bricks();
         let brick = texel.map(|t| t / BRICK);
-        let slot = self.slots[brick[0] + bx * (brick[1] + by * brick[2])];
+        let slot = self.slots[grid3::index([bx, by], brick)];
         if slot == NO_BRICK {
             return None;
         }
         let inner = texel.map(|t| t % BRICK);
-        let at = slot as usize * BRICK_TEXELS + inner[0] + BRICK * (inner[1] + BRICK * inner[2]);
+        let at = slot as usize * BRICK_TEXELS + grid3::index([BRICK, BRICK], inner);
         self.valid[at].then_some(at)
     }
 

@@ -44,6 +44,7 @@ use super::chunks::{BRICKS, most_in_work};
 use super::path::{Scratch, Settings, TexelEstimate, estimate as estimate_path};
 use super::summary::Summary;
 use crate::error::{Error, Result};
+use crate::grid3;
 use crate::level::{Counts, LevelField, Site};
 use crate::sampling::hash::key;
 use crate::transfer::{BRICK, BRICK_TEXELS, Layers};
@@ -307,13 +308,13 @@ fn one_pass<T: Sample>(
             let mut out = TexelEstimate::default();
             let mut row = EMPTY_ROW;
             for t in 0..BRICK_TEXELS {
-                let inner = [t % BRICK, t / BRICK % BRICK, t / BRICK / BRICK];
+                let inner = grid3::at([BRICK, BRICK], t);
                 let texel: [usize; 3] = std::array::from_fn(|a| cache.bricks()[slot][a] * BRICK + inner[a]);
                 if !bake.selection.contains(texel) {
                     continue;
                 }
                 let Some(site) = field.site(lattice.grid_from_texel(texel)) else { continue };
-                let item = (texel[0] + mx * (texel[1] + my * texel[2])) as u64;
+                let item = (grid3::index([mx, my], texel)) as u64;
                 if pass == 0 {
                     estimate_path(field, &site, item, &pass_settings, scratch, &mut counts, &mut out);
                 } else {

@@ -2,6 +2,7 @@ use super::super::bake::bake;
 use super::bias::{Sampled, pick, sample};
 use super::*;
 use crate::geom::Affine;
+use crate::grid3;
 use crate::level::Pyramid;
 use crate::sh;
 use crate::transfer::{Brick, Lattice, Layout, Selection};
@@ -92,7 +93,7 @@ impl Scene {
 
     fn texels(&self) -> Vec<[usize; 3]> {
         let [mx, my, mz] = self.layout.lattice.texels();
-        (0..mx * my * mz).map(|i| [i % mx, i / mx % my, i / mx / my]).collect()
+        grid3::all([mx, my, mz]).collect()
     }
 
     /// Runs `body` with the field of the volume.

@@ -1,6 +1,7 @@
 //! Which isovalues photons carry.
 
 use crate::error::{Error, Result};
+use crate::grid3;
 use crate::volume::{Sample, Volume, with_samples};
 use rayon::prelude::*;
 
@@ -167,7 +168,7 @@ fn for_cells<T: Sample>(
     let [nx, ny, _] = dims;
     // Of the four samples of a cell across x.
     let column = |x: usize, y: usize, z: usize| {
-        let at = x + nx * (y + ny * z);
+        let at = grid3::index([nx, ny], [x, y, z]);
         let four =
             [samples[at].raw(), samples[at + nx].raw(), samples[at + nx * ny].raw(), samples[at + nx * ny + nx].raw()];
         let low = four[0].min(four[1]).min(four[2].min(four[3]));

@@ -1,4 +1,5 @@
 use super::*;
+use crate::grid3;
 
 fn parts(data: Data, count: usize) -> Parts {
     Parts {
@@ -101,7 +102,7 @@ fn permutations_put_each_sample_where_its_axes_say() {
             let mut at = [0; 3];
             (0..3).for_each(|f| at[axis[f]] = file_index[f]);
             let expected = (file_index[0] + 100 * file_index[1] + 1000 * file_index[2]) as u32;
-            assert_eq!(out[at[0] + dims[0] * (at[1] + dims[1] * at[2])], expected, "{axis:?}");
+            assert_eq!(out[grid3::index([dims[0], dims[1]], at)], expected, "{axis:?}");
         }
     }
 }

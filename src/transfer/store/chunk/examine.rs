@@ -3,6 +3,7 @@
 use super::super::Store;
 use super::{Found, SLOTS};
 use crate::error::{Error, Result};
+use crate::grid3;
 use crate::transfer::{BRICK, BRICK_TEXELS, BrickView, Selection, validity};
 use std::path::PathBuf;
 
@@ -50,7 +51,7 @@ impl Texels {
         self.bricks += 1;
         let coefficients = view.transfer.len() / BRICK_TEXELS;
         for (t, (&flags, transfer)) in view.validity.iter().zip(view.transfer.chunks_exact(coefficients)).enumerate() {
-            let inner = [t % BRICK, t / BRICK % BRICK, t / BRICK / BRICK];
+            let inner = grid3::at([BRICK, BRICK], t);
             let valid = flags & validity::VALID != 0;
             self.not_finite += u64::from(valid && transfer.iter().any(|v| !v.is_finite()));
             if selection.contains(std::array::from_fn(|a| brick[a] * BRICK + inner[a])) {

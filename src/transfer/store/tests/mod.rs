@@ -9,6 +9,7 @@ use super::super::{BRICK_TEXELS, Brick, BrickSource, Lattice, Layers};
 use super::zarr::{SIDE, SLOTS};
 use super::*;
 use crate::geom::{Affine, Up};
+use crate::grid3;
 use crate::volume::{LengthUnit, Note, Samples, Solid};
 use glam::{DMat3, DVec3};
 use half::f16;
@@ -89,7 +90,7 @@ fn bricks(index: [usize; 3], seed: u64) -> Vec<Option<Brick>> {
     let count = layout().lattice.bricks();
     (0..SLOTS)
         .map(|slot| {
-            let inside = [slot % SIDE, slot / SIDE % SIDE, slot / (SIDE * SIDE)];
+            let inside = grid3::at([SIDE, SIDE], slot);
             let seed = numbers.next();
             let exists = (0..3).all(|a| index[a] * SIDE + inside[a] < count[a]) && !seed.is_multiple_of(3);
             exists.then(|| brick(seed))
@@ -126,11 +127,11 @@ fn everything(path: &Path) -> Result<String> {
     all += &format!("{:?} {:?} {:?}", volume.name, volume.unit, volume.up);
     all += &format!("{:?} {:?} {}", volume.solid, volume.notes, volume.content_hash());
     let ([nx, ny, nz], [cx, cy, cz]) = (layout().lattice.bricks(), layout().lattice.chunks());
-    for index in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
+    for index in grid3::all([nx, ny, nz]) {
         let view = store.brick(index)?.map(|view| view.to_brick());
         all += &format!("{:?}", bytes_of(&[view])[0].as_ref().map(|bytes| blake3::hash(bytes)));
     }
-    for index in (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]) {
+    for index in grid3::all([cx, cy, cz]) {
         all += &format!("{:?}", store.chunk_extent(index)?);
     }
     Ok(all)

@@ -1,4 +1,5 @@
 use super::*;
+use crate::grid3;
 use glam::{IVec3, Vec3};
 
 #[test]
@@ -32,7 +33,7 @@ fn linear(valid: impl Fn([usize; 3]) -> bool, precision: CachePrecision) -> Cach
     let mut flags = vec![false; cache.valid().len()];
     for (slot, part) in values.parts(BRICK_TEXELS).iter_mut().enumerate() {
         for t in 0..BRICK_TEXELS {
-            let inner = [t % BRICK, t / BRICK % BRICK, t / BRICK / BRICK];
+            let inner = grid3::at([BRICK, BRICK], t);
             let texel: [usize; 3] = std::array::from_fn(|a| cache.bricks()[slot][a] * BRICK + inner[a]);
             if (0..3).all(|a| texel[a] < 17) && valid(texel) {
                 flags[slot * BRICK_TEXELS + t] = true;

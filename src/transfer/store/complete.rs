@@ -1,32 +1,36 @@
 //! Whether a store has all chunks of the isosurfaces that were asked of it.
 
-use super::{Outcome, doctor};
+use super::{ChunkExtent, Holdings, Store};
 use crate::error::{Error, Result};
-use crate::transfer::store::{ChunkExtent, Holdings, Store};
+use crate::grid3;
+use crate::transfer::{Lattice, Selection, texels_of_isosurfaces};
 use crate::volume::Volume;
 
 /// Chunks that the isosurfaces asked of a store need.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Completeness {
+pub struct Completeness {
     /// How many they touch.
-    pub(super) needed: usize,
+    pub needed: usize,
     /// Of these, baked as well as asked.
-    pub(super) there: usize,
+    pub there: usize,
 }
 
 impl Completeness {
     /// Looks at the records of all chunks.
-    pub(super) fn of(store: &Store, volume: &Volume) -> Result<Self> {
+    ///
+    /// # Errors
+    /// When a record is damaged.
+    pub fn of(store: &Store, volume: &Volume) -> Result<Self> {
         let lattice = store.layout().lattice;
         let [cx, cy, cz] = lattice.chunks();
-        let index = |c: usize| [c % cx, c / cx % cy, c / cx / cy];
+        let index = |c: usize| grid3::at([cx, cy], c);
         let extents: Vec<ChunkExtent> = (0..cx * cy * cz)
             .map(|c| store.chunk_extent(index(c)).map(Option::unwrap_or_default))
             .collect::<Result<_>>()?;
         let (mut touched, mut lacking) = (vec![false; extents.len()], vec![false; extents.len()]);
         for claim in store.asked()?.claims() {
             let alone = ChunkExtent::new(claim.isovalue, claim.rays, claim.target.clone());
-            let selection = doctor::selection(lattice, volume, &Holdings::of([&alone]));
+            let selection = selection(lattice, volume, &Holdings::of([&alone]));
             for c in (0..extents.len()).filter(|&c| selection.touches_chunk(index(c))) {
                 touched[c] = true;
                 lacking[c] |= !extents[c].covers(claim);
@@ -37,13 +41,21 @@ impl Completeness {
     }
 
     /// Refuses a store that lacks chunks, unless that is accepted.
-    pub(super) fn check(self, store: &Store, accepted: bool) -> Outcome {
+    ///
+    /// # Errors
+    /// When chunks are missing and that is not accepted.
+    pub fn check(self, store: &Store, accepted: bool) -> Result<()> {
         if accepted || self.there == self.needed {
             return Ok(());
         }
         let given =
             format!("{}, with {} of {} chunks that were asked of it", store.path().display(), self.there, self.needed);
         let remedy = "go on with its bake, merge the shares, or show what is there with --partial";
-        Err(Error::argument("store", given, "a complete store", remedy).into())
+        Err(Error::argument("store", given, "a complete store", remedy))
     }
+}
+
+/// The texels that what a store holds was baked for.
+pub fn selection(lattice: Lattice, volume: &Volume, held: &Holdings) -> Selection {
+    texels_of_isosurfaces(volume, lattice, if held.all { None } else { Some(&held.isovalues) })
 }
