@@ -243,9 +243,8 @@ fn check_surroundings(subject: &Subject<'_>) -> Result<()> {
 fn scene(surrounded: &Surrounded<'_>, textures: &Textures<'_>, means: &[f64]) -> Value {
     let SceneIdentity { luminaires, coupling, .. } = surrounded.identity;
     let lit = luminaires.iter().zip(textures.luminaires()).zip(means.iter().skip(1));
-    let luminaires: Vec<Value> = lit
-        .map(|((name, light), mean)| json!({ "name": name, "factor": light.factor, "mean": mean }))
-        .collect();
+    let luminaires: Vec<Value> =
+        lit.map(|((name, light), mean)| json!({ "name": name, "factor": light.factor, "mean": mean })).collect();
     let partners = coupling.iter().flat_map(|c| &c.partners);
     // No knots: the same isovalue.
     let partners: Vec<Value> =
