@@ -34,7 +34,8 @@ use std::path::PathBuf;
 /// the next run finds it; a scene for those that it lists, as by relight.
 ///
 /// In a scene each luminaire has a slider, and where there are any the environment is dark at the beginning. What walls do
-/// to the light is seen, the walls themselves are not drawn. Of several volumes one is shown, in the light of all.
+/// to the light is seen, the walls themselves are not drawn. Of several volumes one is shown, in the light of all. The
+/// material is chosen on the page.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume view brain.isolume
@@ -87,7 +88,7 @@ pub(super) struct View {
     /// Where stores of volumes are kept [default: the user's cache folder; see isolume cache]
     #[arg(long, value_name = "DIR", help_heading = "Bake of a volume")]
     cache: Option<PathBuf>,
-    /// Bake a scene for all isovalues, not only for those that it lists
+    /// Bake a scene for all isovalues, not only for those that it lists; of a volume all are baked
     #[arg(long, help_heading = "Bake of a volume")]
     all_isovalues: bool,
     #[arg(skip)]
@@ -100,6 +101,8 @@ impl View {
             check_file(path)?;
             Inputs::new(self.env.iter().chain([&self.input])).with_scene(self.scene.as_ref()).refuse(path)?;
         }
+        // What cannot be read is refused before a bake, which may take minutes.
+        self.env.iter().try_for_each(|name| self.open_probe(name).map(drop))?;
         let (store, _use) = self.store(seed, console)?;
         let package = self.package(&store, console)?;
         match &self.html {
@@ -230,24 +233,21 @@ impl View {
         if surroundings.is_some_and(|scene| !scene.luminaires.is_empty()) && !names.contains(&DARK) {
             names.push(DARK);
         }
-        let mut probes: Vec<Probe> = names
-            .into_iter()
-            .chain(EMBEDDED)
-            .map(|name| open_probe(name, false, None).map_err(|error| self.in_scene(error, name)))
-            .collect::<Result<_, _>>()?;
+        let mut probes: Vec<Probe> =
+            names.into_iter().chain(EMBEDDED).map(|name| self.open_probe(name)).collect::<Result<_, _>>()?;
         probes.dedup_by(|a, b| a.name == b.name);
         Ok(probes)
     }
 
-    /// Names the line of the scene that an environment stands in.
-    fn in_scene(&self, error: Error, environment: &str) -> Error {
-        match &self.scene {
-            Some(file) if file.environment().as_deref() == Some(environment) => {
+    /// Opens an environment; an error names the line of the scene that it stands in.
+    fn open_probe(&self, name: &str) -> Result<Probe, Error> {
+        open_probe(name, false, None).map_err(|error| match &self.scene {
+            Some(file) if file.environment().as_deref() == Some(name) => {
                 let line = file.description.probe.as_ref().map_or(1, |probe| probe.name.line);
                 file.description.at_line(line, error)
             }
             _ => error,
-        }
+        })
     }
 
     fn package(&self, store: &Store, console: &Console) -> Outcome<Package> {
@@ -304,8 +304,12 @@ impl View {
             Coding::Half => "16-bit floats",
             Coding::Byte => "8 bits with a scale to each coefficient",
         };
+        let beside = surroundings.map_or(String::new(), |scene| {
+            let numbers = 3 * layout.layers.len() * (1 + scene.luminaires.len());
+            format!(" and {numbers} 16-bit floats of emission and luminaires")
+        });
         console.note(format!(
-            "{}: samples {}, texels {}; {} texels with a level set × {} coefficients in {coding}, {}",
+            "{}: samples {}, texels {}; {} texels with a level set × {} coefficients in {coding}{beside}, {}",
             self.input,
             reduced(volume.dims(), package.samples),
             reduced(layout.lattice.texels(), package.texels),

@@ -97,7 +97,7 @@ pub struct Package {
     pub samples: [usize; 3],
 }
 
-/// Most coefficients of a texel: what a uniform block holds on every WebGL2.
+/// Most coefficients of a texel: what a uniform block, and a texture of four to a layer, hold on every WebGL2.
 pub const MOST_COEFFICIENTS: usize = 1000;
 /// Size of the pictures of probes.
 const PICTURE: [usize; 2] = [128, 64];
@@ -247,8 +247,7 @@ fn scene(surrounded: &Surrounded<'_>, textures: &Textures<'_>, means: &[f64]) ->
         lit.map(|((name, light), mean)| json!({ "name": name, "factor": light.factor, "mean": mean })).collect();
     let partners = coupling.iter().flat_map(|c| &c.partners);
     // No knots: the same isovalue.
-    let partners: Vec<Value> =
-        partners.map(|p| json!({ "name": p.name, "solid": p.solid, "isovalues": p.isovalues })).collect();
+    let partners: Vec<Value> = partners.map(|p| json!({ "name": p.name, "isovalues": p.isovalues })).collect();
     json!({
         "luminaires": luminaires,
         "volume": coupling.as_ref().map(|c| &c.name),
