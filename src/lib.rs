@@ -104,14 +104,15 @@
 //! | [`study`] | what accuracy costs: settings against one reference, the front, the figure; where samples of a texture should lie | files, the clock |
 //! | [`export`] | GLB, PLY, PNG, VTI, NRRD, contact sheets, atomic files | volumes, SH, light |
 //! | [`session`] | a store, its surfaces, and light on them: meshes and pictures, step by step | the bake, the clock |
-//! | [`view`] | the live page and its data, as bytes | solvers, sockets |
+//! | [`view`] | the live page and its data, as bytes; the server of the page, with the feature `cli` | solvers, and outside the server sockets |
 //! | `cli` | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
 //!
 //! # Habits that bind
 //! * The same bytes for any number of threads: each parallel item writes its own slot, sums run in a fixed order,
 //!   a random number is a pure function of (seed, texel, replicate, path, bounce). No platform mathematics in
 //!   solver code: the crate `libm`.
-//! * Errors are values ([`Error`]); a panic is a bug. The library never prints, exits or reads the clock.
+//! * Errors are values ([`Error`]); a panic is a bug. The library never prints, exits or reads the clock (the server of the
+//!   page does, to give up connections that fall silent).
 //! * A texel can be replayed alone (`isolume bake --replay-texel x,y,z`, [`transport::replay`]).
 
 // Bad input is an `Err`: what only tests may do does not compile elsewhere at the gate, which makes warnings errors.

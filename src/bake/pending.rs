@@ -98,7 +98,7 @@ impl<'a> Pending<'a> {
             let of_one = extents_by_chunk(self.job.volume, lattice, c);
             extents.iter_mut().zip(of_one).for_each(|(sum, extent)| *sum += extent);
         }
-        let extent = |chunk: &[usize; 3]| extents[grid3::index([cx, cy], chunk)];
+        let extent = |chunk: &[usize; 3]| extents[grid3::index([cx, cy], *chunk)];
         for group in &mut self.groups {
             group.chunks.sort_by(|a, b| extent(b).total_cmp(&extent(a)));
         }

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::finding::Finding;
 use crate::probe::{self, Layout, ReadOptions};
 use crate::transfer::store::{self, Store, complete};
-use crate::volume::{self, Volume};
+use crate::volume;
 use crate::{level, volume::field};
 use serde_json::{Value, json};
 use std::io::Read;

@@ -91,7 +91,7 @@ enum Command {
     Compare(compare::Compare),
     Study(Box<study::Study>),
     Relight(Box<relight::Relight>),
-    View(view::View),
+    View(Box<view::View>),
     Export(Box<export::Export>),
     Env(env::Env),
     Cache(cache::command::CacheCommand),

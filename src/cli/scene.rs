@@ -12,7 +12,7 @@ use std::ffi::OsString;
 pub(super) use crate::scene::DARK;
 
 /// Commands that take a scene.
-const COMMANDS: [&str; 3] = ["bake", "plan", "relight"];
+const COMMANDS: [&str; 4] = ["bake", "plan", "relight", "view"];
 
 /// An option as the line of a command has it, and the name by which clap knows it.
 type Written = (&'static str, String);
@@ -46,6 +46,7 @@ pub(super) fn parse(line: Vec<OsString>) -> Result<std::result::Result<Cli, clap
             Command::Bake(bake) => bake.scene = Some(file),
             Command::Plan(plan) => plan.scene = Some(file),
             Command::Relight(relight) => relight.scene = Some(file),
+            Command::View(view) => view.scene = Some(file),
             _ => {}
         }
         cli
@@ -70,7 +71,7 @@ fn with_light_of_store(mut line: Vec<OsString>) -> Vec<OsString> {
 }
 
 /// Isovalues as options have them: where there are none, those of the first volume in the pairs of the coupling.
-fn isovalues(file: &SceneFile) -> Option<String> {
+pub(super) fn isovalues(file: &SceneFile) -> Option<String> {
     let given: Vec<String> = file.description.isovalues.iter().map(|i| i.value.clone()).collect();
     let list = match &file.description.coupling {
         Some(Located { value: Coupling::Rows(rows), .. }) if given.is_empty() => {
@@ -101,6 +102,8 @@ fn options(file: &SceneFile, command: &str) -> Vec<Written> {
     }
     if command == "relight" {
         options_of_relight(file, isovalues, &mut all);
+    } else if command == "view" {
+        all.extend(file.environment().map(|name| ("env", format!("--env={name}"))));
     } else {
         let bands: Vec<String> = bake.bands.iter().map(u64::to_string).collect();
         all.extend((!bands.is_empty()).then(|| ("bands", format!("--bands={}", bands.join(",")))));

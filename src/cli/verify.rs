@@ -1,10 +1,10 @@
 //! `isolume verify`: whether stores are whole, by exit code.
 
 use super::console::Console;
-use super::doctor::selection;
 use super::{Failure, Outcome, text};
 use crate::error::{Error, Result};
 use crate::finding::Finding;
+use crate::transfer::store::complete::selection;
 use crate::transfer::store::{self, Diagnosis, Store};
 use serde_json::json;
 use std::path::{Path, PathBuf};

@@ -196,7 +196,7 @@ fn each_brick<T>(
     let [bx, by, bz] = lattice.bricks();
     let mut slots = vec![NO_BRICK; bx * by * bz];
     for (slot, b) in bricks.iter().enumerate() {
-        slots[grid3::index([bx, by], b)] = slot as u32;
+        slots[grid3::index([bx, by], *b)] = slot as u32;
     }
     let (mut radiance, mut totals): (Vec<_>, Vec<Result<BrickTotals>>) = (Vec::new(), Vec::new());
     (0..bricks.len())

@@ -9,6 +9,17 @@
 //! | `transfer` | for each coefficient a plane of the valid texels: 16-bit floats, or 8-bit signed with the header's scale |
 //! | `error` | for each valid texel 255·sqrt(relative standard error under constant light, at most 1) |
 //! | `picture.N` | probe N as a small lat-long image, three 16-bit floats a pixel |
+//!
+//! A package of a scene has a part `scene` in its header, and differs in these sections:
+//!
+//! | section | holds |
+//! |---|---|
+//! | `transfer` | coefficients of the environment in three channels, in the order of [`Layers`] |
+//! | `surroundings` | planes of 16-bit floats in every coding: G_k of emission, then of each luminaire, layer by layer, red, green, blue |
+//! | `error` | where there are luminaires: under them alone |
+//!
+//! Near a luminaire G_k is hundreds of times what it is in a corner: in 8-bit steps of the largest, corners would be black.
+//! It is a few numbers a texel. What a texture of a luminaire holds times the header's factor is G_k in W m⁻² sr⁻¹.
 
 use super::samples::{self, BLOCK};
 use super::texels::{Texels, reduced};
@@ -19,7 +30,8 @@ use crate::scene::Colormap;
 use crate::scene::srgb::byte_from_linear;
 use crate::sh::{MAX_BANDS, Rotation};
 use crate::transfer::precision::include_magnitudes;
-use crate::transfer::{BrickSource, Lattice, Layers, Steps};
+use crate::transfer::store::SceneIdentity;
+use crate::transfer::{Lattice, Layers, Steps};
 use crate::volume::{LengthUnit, Volume};
 use half::f16;
 use serde_json::{Map, Value, json};
@@ -37,8 +49,10 @@ pub enum Coding {
 pub struct Subject<'a> {
     /// The volume.
     pub volume: &'a Volume,
-    /// Its transfer.
-    pub source: &'a dyn BrickSource,
+    /// Its transfer, with that of what stands around it.
+    pub textures: &'a Textures<'a>,
+    /// What stands around it; `None` for a volume alone.
+    pub surrounded: Option<Surrounded<'a>>,
     /// Isovalues that were baked, in the file's values; `None` for all.
     pub isovalues: Option<Vec<f64>>,
     /// What the page says about the bake: names and texts.
@@ -47,6 +61,15 @@ pub struct Subject<'a> {
     pub probes: &'a [Probe],
     /// The isovalue that the page starts with.
     pub isovalue: f64,
+}
+
+/// What the page says of a scene, and begins with.
+#[derive(Clone, Copy, Debug)]
+pub struct Surrounded<'a> {
+    /// Names of the luminaires, in the order of the textures, and the other volumes with their isovalues.
+    pub identity: &'a SceneIdentity,
+    /// Turn of the environment at the beginning, in degrees.
+    pub rotation: f64,
 }
 
 /// How much of it.
@@ -74,7 +97,7 @@ pub struct Package {
     pub samples: [usize; 3],
 }
 
-/// Most coefficients of a texel: what a uniform block holds on every WebGL2.
+/// Most coefficients of a texel: what a uniform block, and a texture of four to a layer, hold on every WebGL2.
 pub const MOST_COEFFICIENTS: usize = 1000;
 /// Size of the pictures of probes.
 const PICTURE: [usize; 2] = [128, 64];
@@ -98,15 +121,17 @@ impl Payload {
     }
 }
 
-/// Packs a texture and its volume for the page.
+/// Packs textures and their volume for the page.
 ///
 /// # Errors
-/// When the volume is flat, a texel has more than [`MOST_COEFFICIENTS`], nothing is baked, or the source cannot be
-/// read.
+/// When the volume is flat, a texel has more than [`MOST_COEFFICIENTS`] of the environment or of all else, nothing is baked,
+/// the textures are not those of the surroundings, or a source cannot be read.
 pub fn pack(subject: &Subject<'_>, options: &Options) -> Result<Package> {
     let volume = subject.volume;
-    let layout = subject.source.layout();
+    let textures = subject.textures;
+    let layout = textures.layout();
     let layers = &layout.layers;
+    check_surroundings(subject)?;
     if volume.dims().contains(&1) {
         let found = format!("{:?} samples", volume.dims());
         return Err(Error::argument(
@@ -116,23 +141,28 @@ pub fn pack(subject: &Subject<'_>, options: &Options) -> Result<Package> {
             "a flat volume has no surface to show",
         ));
     }
-    if layers.coefficients() > MOST_COEFFICIENTS {
+    let of_surroundings = textures.emission().map_or(0, |_| 3 * layers.len() * (1 + textures.luminaires().len()));
+    let most = layers.coefficients().max(of_surroundings);
+    if most > MOST_COEFFICIENTS {
         return Err(Error::Limit {
             what: "the page".into(),
-            needed: format!("{} coefficients a texel", layers.coefficients()),
+            needed: format!("{most} coefficients a texel"),
             limit: format!("{MOST_COEFFICIENTS}"),
-            remedy: "bake with fewer bands or layers, such as --bands 5,4,3,3".into(),
+            remedy: match most == layers.coefficients() {
+                true => "bake with fewer bands or layers, such as --bands 5,4,3,3".into(),
+                false => "bake with fewer layers, or fewer luminaires".into(),
+            },
         });
     }
     let lattice = Lattice::from_texels(layout.lattice.grid(), reduced(layout.lattice.texels(), options.texture_side))?;
-    let texels = Texels::gather(subject.source)?;
+    let texels = Texels::gather(textures)?;
     let mut payload = Payload { bytes: Vec::new(), sections: Map::new() };
 
     let volume_texture = samples::volume_texture(volume, reduced(volume.dims(), options.volume_side));
     payload.push("samples", volume_texture.numbers.little_endian());
     payload.push("ranges", samples::ranges(&volume_texture).little_endian());
 
-    let (numbers, scales) = push_transfer(&mut payload, &texels, lattice, layers, options.coding);
+    let Pushed { numbers, scales, means } = push_transfer(&mut payload, &texels, lattice, subject, options.coding);
     if numbers.is_empty() {
         let remedy = "bake it first: isolume bake VOLUME -o X.isolume";
         return Err(Error::argument("store", "no texel with a level set", "at least one that is baked", remedy));
@@ -142,7 +172,7 @@ pub fn pack(subject: &Subject<'_>, options: &Options) -> Result<Package> {
     let probes = push_probes(&mut payload, subject, &texels)?;
 
     let valid_texels = numbers.len() as u64;
-    let header = json!({
+    let mut header = json!({
         "format": 1,
         "name": volume.name,
         "about": subject.about.iter().map(|(k, v)| json!([k, v])).collect::<Vec<_>>(),
@@ -176,6 +206,9 @@ pub fn pack(subject: &Subject<'_>, options: &Options) -> Result<Package> {
         "albedo": ALBEDO, "constant_error": constant_error,
         "colormaps": colormaps()?,
     });
+    if let Some(surrounded) = &subject.surrounded {
+        header["scene"] = scene(surrounded, textures, &means);
+    }
     Ok(Package { header, payload: payload.bytes, valid_texels, texels: lattice.texels(), samples: volume_texture.dims })
 }
 
@@ -193,20 +226,63 @@ fn affine(volume: &Volume) -> [f64; 12] {
     ]
 }
 
-/// Pushes `valid` and `transfer`; gives the numbers of the valid texels in the lattice, and the scales.
+/// Refuses textures of other surroundings than those named.
+fn check_surroundings(subject: &Subject<'_>) -> Result<()> {
+    let luminaires = |count: usize| format!("a scene of {count} luminaires");
+    let alone = || "a volume alone".to_string();
+    let named = subject.surrounded.map(|s| s.identity.luminaires.len());
+    let found = subject.textures.emission().map(|_| subject.textures.luminaires().len());
+    if named == found {
+        return Ok(());
+    }
+    let (found, expected) = (found.map_or_else(alone, luminaires), named.map_or_else(alone, luminaires));
+    Err(Error::argument("textures", found, expected, "take textures and surroundings from one store"))
+}
+
+/// What the page is told of a scene.
+fn scene(surrounded: &Surrounded<'_>, textures: &Textures<'_>, means: &[f64]) -> Value {
+    let SceneIdentity { luminaires, coupling, .. } = surrounded.identity;
+    let lit = luminaires.iter().zip(textures.luminaires()).zip(means.iter().skip(1));
+    let luminaires: Vec<Value> =
+        lit.map(|((name, light), mean)| json!({ "name": name, "factor": light.factor, "mean": mean })).collect();
+    let partners = coupling.iter().flat_map(|c| &c.partners);
+    // No knots: the same isovalue.
+    let partners: Vec<Value> = partners.map(|p| json!({ "name": p.name, "isovalues": p.isovalues })).collect();
+    json!({
+        "luminaires": luminaires,
+        "volume": coupling.as_ref().map(|c| &c.name),
+        // The factor on its albedo that the transfer has in it.
+        "tint": coupling.as_ref().map_or([1.0; 3], |c| c.tint),
+        "partners": partners,
+        "rotation": surrounded.rotation,
+    })
+}
+
+/// What [`push_transfer`] found.
+struct Pushed {
+    /// The valid texels by their number in the lattice.
+    numbers: Vec<usize>,
+    /// One a coefficient of the environment.
+    scales: Vec<f32>,
+    /// Mean of G_0 over texels and channels, as stored: of emission and of each luminaire.
+    means: Vec<f64>,
+}
+
+/// Pushes `valid`, `transfer` and, of a scene, `surroundings`.
 fn push_transfer(
     payload: &mut Payload,
     texels: &Texels<'_>,
     lattice: Lattice,
-    layers: &Layers,
+    subject: &Subject<'_>,
     coding: Coding,
-) -> (Vec<usize>, Vec<f32>) {
+) -> Pushed {
+    let layers = &subject.textures.layout().layers;
     let n = layers.coefficients();
     let mut largest = vec![0.0f32; n];
     let mut numbers = Vec::new();
     texels.visit_valid(lattice, &mut |number, transfer| {
         numbers.push(number);
-        include_magnitudes(&mut largest, transfer.iter().copied());
+        include_magnitudes(&mut largest, transfer[..n].iter().copied());
     });
     let all: usize = lattice.texels().iter().product();
     let mut bits = vec![0u8; all.div_ceil(8)];
@@ -222,7 +298,7 @@ fn push_transfer(
         Coding::Half => {
             let mut planes = vec![f16::ZERO; n * count];
             texels.visit_valid(lattice, &mut |_, transfer| {
-                transfer.iter().enumerate().for_each(|(i, &t)| planes[i * count + next] = f16::from_f32(t));
+                transfer[..n].iter().enumerate().for_each(|(i, &t)| planes[i * count + next] = f16::from_f32(t));
                 next += 1;
             });
             payload.push("transfer", bytemuck::cast_slice(&planes));
@@ -230,7 +306,7 @@ fn push_transfer(
         Coding::Byte => {
             let mut planes = vec![0i8; n * count];
             texels.visit_valid(lattice, &mut |_, transfer| {
-                for (i, &t) in transfer.iter().enumerate() {
+                for (i, &t) in transfer[..n].iter().enumerate() {
                     planes[i * count + next] = Steps::BYTE.code(t, scales[i]) as i8;
                 }
                 next += 1;
@@ -238,24 +314,62 @@ fn push_transfer(
             payload.push("transfer", bytemuck::cast_slice(&planes));
         }
     }
-    (numbers, scales)
+    let means = match subject.surrounded {
+        Some(_) => push_surroundings(payload, texels, lattice, layers, count),
+        None => Vec::new(),
+    };
+    Pushed { numbers, scales, means }
 }
 
-/// Pushes the relative standard error of each valid texel under constant light; gives their root mean square over the
-/// mean radiance.
+/// Pushes `surroundings` of `count` valid texels; gives the mean of G_0 of each texture.
+fn push_surroundings(
+    payload: &mut Payload,
+    texels: &Texels<'_>,
+    lattice: Lattice,
+    layers: &Layers,
+    count: usize,
+) -> Vec<f64> {
+    let (n, of_group) = (layers.coefficients(), 3 * layers.len());
+    let mut planes: Vec<f16> = Vec::new();
+    let mut sums: Vec<f64> = Vec::new();
+    let mut next = 0;
+    texels.visit_valid(lattice, &mut |_, transfer| {
+        let stored = &transfer[n..];
+        planes.resize(stored.len() * count, f16::ZERO);
+        sums.resize(stored.len() / of_group, 0.0);
+        stored.iter().enumerate().for_each(|(i, &g)| planes[i * count + next] = f16::from_f32(g));
+        for (sum, group) in sums.iter_mut().zip(stored.chunks_exact(of_group)) {
+            *sum += group[..3].iter().map(|&g| f64::from(g)).sum::<f64>() / 3.0;
+        }
+        next += 1;
+    });
+    payload.push("surroundings", bytemuck::cast_slice(&planes));
+    sums.iter().map(|sum| sum / count.max(1) as f64).collect()
+}
+
+/// The light under which errors are stated besides those of the probes: constant, or that of the luminaires alone.
+fn light_of_errors(textures: &Textures<'_>) -> Light {
+    Light::constant(if textures.luminaires().is_empty() { [1.0; 3] } else { [0.0; 3] })
+}
+
+/// Pushes the relative standard error of each valid texel under [`light_of_errors`]; gives their root mean square over
+/// the mean radiance.
 fn push_errors(
     payload: &mut Payload,
     subject: &Subject<'_>,
     texels: &Texels<'_>,
     positions: &[[f32; 3]],
 ) -> Result<f64> {
-    let (light, material) = (Light::constant([1.0; 3]), Material::new([ALBEDO; 3], [0.0; 3])?);
-    let contracted = contract(&Textures::of_volume(subject.source)?, &texels.baked_bricks(), &light, &material)?;
+    let (light, material) = (light_of_errors(subject.textures), Material::new([ALBEDO; 3], [0.0; 3])?);
+    let contracted = contract(subject.textures, &texels.baked_bricks(), &light, &material)?;
     let normals = vec![[0.0, 0.0, 1.0]; positions.len()];
     let lit = contracted.look_up(positions, &normals, &light, &material);
     let errors = contracted.look_up_errors(positions);
+    let coloured = subject.surrounded.is_some();
     let code = |(rgb, error): (&[f32; 3], &f32)| {
-        let relative = if rgb[1].abs() > 0.0 { (error / rgb[1].abs()).min(1.0) } else { 1.0 };
+        // Errors are of the mean of the channels; those of a volume alone are equal here.
+        let level = if coloured { (rgb[0] + rgb[1] + rgb[2]) / 3.0 } else { rgb[1] }.abs();
+        let relative = if level > 0.0 { (error / level).min(1.0) } else { 1.0 };
         (255.0 * relative.sqrt()).round() as u8
     };
     let codes: Vec<u8> = lit.radiance.iter().zip(&errors).map(code).collect();
@@ -264,7 +378,7 @@ fn push_errors(
 }
 
 fn push_probes(payload: &mut Payload, subject: &Subject<'_>, texels: &Texels<'_>) -> Result<Vec<Value>> {
-    let layers = &subject.source.layout().layers;
+    let layers = &subject.textures.layout().layers;
     let bricks = texels.baked_bricks();
     let material = Material::new([ALBEDO; 3], [0.0; 3])?;
     let upright = Orientation::new(crate::geom::Up::Z, 0.0)?;
@@ -272,7 +386,7 @@ fn push_probes(payload: &mut Payload, subject: &Subject<'_>, texels: &Texels<'_>
     let mut list = Vec::new();
     for (i, probe) in subject.probes.iter().enumerate() {
         let light = Light::from_channels(&probe.coefficients_in_world(layers.max_bands(), standing))?;
-        let noise = contract(&Textures::of_volume(subject.source)?, &bricks, &light, &material)?.noise;
+        let noise = contract(subject.textures, &bricks, &light, &material)?.noise;
         let channels = probe.coefficients_in_world(layers.max_bands(), upright);
         let coefficients: Vec<f64> =
             (0..channels[0].values().len()).flat_map(|k| [0, 1, 2].map(|c| channels[c].values()[k])).collect();

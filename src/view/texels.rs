@@ -1,16 +1,27 @@
 //! Transfer of the texels that have a level set, on the texture's lattice or on a coarser one.
 
 use crate::error::Result;
-use crate::transfer::{BRICK, BrickSource, BrickView, Lattice, Layout, validity};
+use crate::relight::Textures;
+use crate::transfer::{BRICK, Lattice, validity};
+use half::f16;
 use half::slice::HalfFloatSliceExt;
 
 /// A coarser texel is valid from this share of valid weight on: below, it would be the noise of a few.
 const LEAST_SHARE: f32 = 0.25;
 
-/// A texture with all its bricks at hand.
+/// Textures that are lit together, with all their bricks at hand.
 pub(super) struct Texels<'a> {
-    layout: &'a Layout,
-    bricks: Vec<Option<BrickView<'a>>>,
+    lattice: Lattice,
+    // Numbers of a texel in all textures.
+    numbers: usize,
+    bricks: Vec<Option<Brick<'a>>>,
+}
+
+/// The same brick of all textures.
+struct Brick<'a> {
+    validity: &'a [u8],
+    // Transfer, and how many numbers a texel has of it; that of the environment first.
+    transfer: Vec<(&'a [f16], usize)>,
 }
 
 /// Which texels of an axis a coarser texel takes, and how much of each.
@@ -42,38 +53,59 @@ pub(super) fn reduced(dims: [usize; 3], side: usize) -> [usize; 3] {
 }
 
 impl<'a> Texels<'a> {
-    pub(super) fn gather(source: &'a dyn BrickSource) -> Result<Self> {
-        let layout = source.layout();
-        let [bx, by, bz] = layout.lattice.bricks();
-        let index = |i: usize| [i % bx, i / bx % by, i / bx / by];
-        let bricks = (0..bx * by * bz).map(|i| source.brick(index(i))).collect::<Result<_>>()?;
-        Ok(Self { layout, bricks })
+    /// That of the environment, then in a scene that of emission and those of the luminaires. A brick is there where all
+    /// have it.
+    pub(super) fn gather(textures: &Textures<'a>) -> Result<Self> {
+        let luminaires = textures.luminaires().iter().map(|l| l.texture);
+        let sources: Vec<_> =
+            std::iter::once(textures.environment()).chain(textures.emission()).chain(luminaires).collect();
+        let lattice = textures.layout().lattice;
+        let counts: Vec<usize> = sources.iter().map(|s| s.layout().layers.coefficients()).collect();
+        let [bx, by, bz] = lattice.bricks();
+        let brick = |i: usize| {
+            let index = [i % bx, i / bx % by, i / bx / by];
+            let mut brick: Option<Brick<'a>> = None;
+            for (source, &count) in sources.iter().zip(&counts) {
+                let Some(view) = source.brick(index)? else { return Ok(None) };
+                let brick = brick.get_or_insert(Brick { validity: view.validity, transfer: Vec::new() });
+                brick.transfer.push((view.transfer, count));
+            }
+            Ok(brick)
+        };
+        let bricks = (0..bx * by * bz).map(brick).collect::<Result<_>>()?;
+        Ok(Self { lattice, numbers: counts.iter().sum(), bricks })
     }
 
     /// Bricks (x fastest, ascending) in which something is baked.
     pub(super) fn baked_bricks(&self) -> Vec<[usize; 3]> {
-        let [bx, by, _] = self.layout.lattice.bricks();
+        let [bx, by, _] = self.lattice.bricks();
         let index = |i: usize| [i % bx, i / bx % by, i / bx / by];
         self.bricks.iter().enumerate().filter(|(_, b)| b.is_some()).map(|(i, _)| index(i)).collect()
     }
 
-    fn transfer(&self, texel: [usize; 3]) -> Option<&[half::f16]> {
-        let [bx, by, _] = self.layout.lattice.bricks();
-        let brick = self.bricks[texel[0] / BRICK + bx * (texel[1] / BRICK + by * (texel[2] / BRICK))].as_ref()?;
+    /// Reads the numbers of a texel; false where it has no level set.
+    fn read(&self, texel: [usize; 3], out: &mut [f32]) -> bool {
+        let [bx, by, _] = self.lattice.bricks();
+        let brick = &self.bricks[texel[0] / BRICK + bx * (texel[1] / BRICK + by * (texel[2] / BRICK))];
         let inner = texel[0] % BRICK + BRICK * (texel[1] % BRICK + BRICK * (texel[2] % BRICK));
-        let n = self.layout.layers.coefficients();
-        (brick.validity[inner] & validity::VALID != 0).then(|| &brick.transfer[inner * n..(inner + 1) * n])
+        let Some(brick) = brick.as_ref().filter(|b| b.validity[inner] & validity::VALID != 0) else { return false };
+        let mut rest = out;
+        for &(stored, n) in &brick.transfer {
+            let (own, others) = rest.split_at_mut(n);
+            stored[inner * n..(inner + 1) * n].convert_to_f32_slice(own);
+            rest = others;
+        }
+        true
     }
 
-    /// Hands out every valid texel of `target`, x fastest: its number in the lattice, and its transfer.
+    /// Hands out every valid texel of `target`, x fastest: its number in the lattice, and its transfer, texture by texture.
     ///
     /// On the texture's own lattice these are the stored numbers; on a coarser one the mean over the valid texels
     /// around, weighted by a tent.
     pub(super) fn visit_valid(&self, target: Lattice, visit: &mut dyn FnMut(usize, &[f32])) {
-        let (from, to) = (self.layout.lattice.texels(), target.texels());
+        let (from, to) = (self.lattice.texels(), target.texels());
         let axes: [Taps; 3] = std::array::from_fn(|a| taps(from[a], to[a]));
-        let n = self.layout.layers.coefficients();
-        let (mut sum, mut texel) = (vec![0.0f32; n], vec![0.0f32; n]);
+        let (mut sum, mut texel) = (vec![0.0f32; self.numbers], vec![0.0f32; self.numbers]);
         for (z, in_z) in axes[2].iter().enumerate() {
             for (y, in_y) in axes[1].iter().enumerate() {
                 for (x, in_x) in axes[0].iter().enumerate() {
@@ -84,8 +116,9 @@ impl<'a> Texels<'a> {
                             for &(i, wx) in in_x {
                                 let weight = wx * wy * wz;
                                 all += weight;
-                                let Some(stored) = self.transfer([i, j, k]) else { continue };
-                                stored.convert_to_f32_slice(&mut texel);
+                                if !self.read([i, j, k], &mut texel) {
+                                    continue;
+                                }
                                 sum.iter_mut().zip(&texel).for_each(|(s, t)| *s += weight * t);
                                 valid += weight;
                             }

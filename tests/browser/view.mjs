@@ -1,8 +1,8 @@
 // The live page in headless Chromium, against the program's own pictures of the same view.
 //
-//   node tests/browser/view.mjs ISOLUME STORE... 
+//   node tests/browser/view.mjs ISOLUME STORE... [--scenes STORE...]
 //
-// ISOLUME is the program, STORE what `isolume bake` made (all isovalues). Needs Chromium ($CHROMIUM, default
+// ISOLUME is the program, STORE what `isolume bake` made: of volumes alone (all isovalues), and of scenes. Needs Chromium ($CHROMIUM, default
 // /usr/bin/chromium) and playwright-core (in $ISOLUME_NPM, default target/npm). Draws in software, so it needs no GPU.
 // Screenshots go to target/browser/. Exit code 0: everything holds; 1: something does not, and says what.
 
@@ -12,7 +12,9 @@ import { basename, join } from "node:path";
 import { pathToFileURL } from "node:url";
 import { check, dropFile, finish, launch, out, root } from "./common.mjs";
 
-const [program, ...stores] = process.argv.slice(2);
+const [program, ...given] = process.argv.slice(2);
+const end = given.indexOf("--scenes");
+const [stores, scenes] = end < 0 ? [given, []] : [given.slice(0, end), given.slice(end + 1)];
 const SIZE = [480, 360];
 const MOST_DIFFERENCE = 2; // of 255, mean over covered pixels outside silhouettes
 
@@ -40,9 +42,9 @@ function pictureOfProgram(store, name, { isovalue, env, rotation, albedo, exposu
   return `data:image/png;base64,${readFileSync(file).toString("base64")}`;
 }
 
-/** In the page: sets a state, draws, and compares with a picture. */
-async function difference(page, change, picture) {
-  return page.evaluate(async ([change, picture, size]) => {
+/** In the page: sets a state, draws, and compares with a picture; without cut faces if so asked for. */
+async function difference(page, change, picture, withoutCuts = false) {
+  return page.evaluate(async ([change, picture, size, withoutCuts]) => {
     const { isolume } = window;
     isolume.update({ ...change, background: "black", fixedSize: size, autoExposure: false });
     isolume.draw();
@@ -58,6 +60,9 @@ async function difference(page, change, picture) {
     await image.decode();
     const ours = await pixels(isolume.renderer.canvas), theirs = await pixels(image);
     const depth = isolume.renderer.read(isolume.view(), width, height, 2);
+    // In the view of lookups cut faces alone are grey.
+    const lookup = isolume.renderer.read(isolume.view(), width, height, 4);
+    const isLeftOut = (i) => withoutCuts && lookup[i] === lookup[i + 1];
     const rays = isolume.renderer.lastRays;
     const pixelsDeep = (Math.hypot(...rays.direction) / rays.unitsPerPixelHeight) * height;
     const at = (x, y) => depth[4 * (x + width * (height - 1 - y))] * pixelsDeep;
@@ -67,7 +72,7 @@ async function difference(page, change, picture) {
       for (let x = 2; x < width - 2; x++) {
         const both = [depth[4 * (x + width * (height - 1 - y)) + 2] > 0, theirs[4 * (x + width * y) + 3] > 127];
         if (both[0] !== both[1]) disagree++;
-        if (!isCovered(x, y)) continue;
+        if (!isCovered(x, y) || isLeftOut(4 * (x + width * (height - 1 - y)))) continue;
         covered++;
         // A silhouette: within two pixels of an edge, or of a jump in depth steeper than 81 degrees.
         let isInside = true;
@@ -85,7 +90,7 @@ async function difference(page, change, picture) {
       }
     }
     return { mean: sum / (3 * count), worst, count, covered, disagree };
-  }, [change, picture, SIZE]);
+  }, [change, picture, SIZE, withoutCuts]);
 }
 
 /** Drops a file onto the page, as a hand would. */
@@ -207,6 +212,77 @@ for (const store of stores) {
   check(found.mean <= MOST_DIFFERENCE, `one file: mean difference ${found.mean.toFixed(3)} of 255 to the program's picture of the whole store`);
   await alone.screenshot({ path: join(out, `${name}-alone.png`) });
   await alone.close();
+}
+
+for (const store of scenes) await inScene(store);
+
+/** A store of a scene: light of environment, luminaires and surface, each volume of several, and the page in one file. */
+async function inScene(store) {
+  const name = basename(store).replace(/\..*/, "");
+  console.log(`\n${store}`);
+  const held = JSON.parse(execFileSync(program, ["info", store, "--json"]).toString()).volumes;
+  const volumes = held.length > 1 ? held : [null];
+  for (const volume of volumes) {
+    const { address, end } = await serve(store, ...(volume ? ["--volume", volume] : []));
+    const page = await open(address);
+    const { scene, isovalues, probes } = await page.evaluate(() => window.isolume.header);
+    const isovalue = isovalues[1] ?? isovalues[0];
+    // The program shades cut faces of a volume alone without the factor on its albedo.
+    const isTinted = scene.tint.some((factor) => factor !== 1);
+    const loaded = await counters(page);
+    const label = volume ?? name;
+    const view = { azimuth: 35, elevation: 25, albedo: 0.7, rotation: 0, isovalue };
+    // An exposure that shows what is there.
+    const exposed = async (change) => page.evaluate((change) => {
+      window.isolume.update({ ...change, autoExposure: true });
+      window.isolume.draw();
+      return Math.round(10 * window.isolume.state.exposure) / 10 - 0.3;
+    }, change);
+    const compare = async (what, change, env, ...more) => {
+      const state = { ...view, emission: 0, powers: scene.luminaires.map(() => 1), strength: 1, ...change };
+      const exposure = await exposed(state);
+      const options = ["--albedo", state.albedo, ...(volume ? ["--volume", volume] : []), ...more];
+      const picture = pictureOfProgram(store, `${label}-${what}`, { ...state, exposure, env, more: options });
+      const found = await difference(page, { ...state, exposure }, picture, isTinted);
+      await page.screenshot({ path: join(out, `${label}-${what}-page.png`) });
+      check(found.mean <= MOST_DIFFERENCE && found.count > 0.3 * found.covered && found.disagree < 0.01 * found.covered + 20,
+        `${label}, ${what}: mean difference ${found.mean.toFixed(3)} of 255 (largest ${found.worst}) over ${found.count} of ${found.covered} covered pixels`);
+    };
+    const index = (env) => probes.findIndex((p) => p.name === env);
+    if (scene.luminaires.length > 0) {
+      const begun = await page.evaluate(() => [document.getElementById("environment").selectedOptions[0].textContent, window.isolume.state.powers]);
+      check(begun[0] === "none (dark)" && begun[1].every((p) => p === 1), `begins in the light of its luminaires alone (${begun[0]})`);
+      const lamp = scene.luminaires[0].name;
+      await compare("luminaires", { environment: 0 }, "constant:0");
+      await compare("dimmed", { environment: 0, powers: scene.luminaires.map((_, i) => (i === 0 ? 0.4 : 1)), albedo: 0.9 }, "constant:0", "--luminaire", `${lamp}=0.4`);
+      await page.focus("#power0");
+      await page.keyboard.press("Home");
+      const off = await page.evaluate(() => [window.isolume.state.powers[0], document.getElementById("powerText0").textContent]);
+      check(off[0] === 0 && off[1] === "× 0.00", `the slider of ${lamp} switches it off (${off[1]})`);
+    } else {
+      const standing = await page.textContent("#standing");
+      check(scene.partners.every((p) => standing.includes(`${p.name} at isovalue`)), `says what else stands there: ${standing}`);
+    }
+    await compare("glowing", { environment: index("courtyard"), rotation: 60, emission: 2 }, "courtyard", "--emission", 2);
+    await compare("environment", { environment: index("studio"), rotation: -30 }, "studio");
+    const now = await counters(page);
+    check(now.requests === loaded.requests && now.texelsTouched === loaded.texelsTouched && now.contractions > loaded.contractions,
+      `${now.contractions - loaded.contractions} contractions on the GPU, no request and no texel through the CPU`);
+    await page.close();
+    end();
+    if (volume !== volumes[0]) continue;
+
+    const file = join(out, `${name}.html`);
+    execFileSync(program, ["view", store, "-q", "--html", file], { stdio: ["ignore", "ignore", "inherit"] });
+    const alone = await open(pathToFileURL(file).href);
+    const state = { ...view, environment: 0, rotation: 0 };
+    const env = (await alone.evaluate(() => window.isolume.header.probes[0].name));
+    const exposure = await alone.evaluate((state) => { window.isolume.update({ ...state, autoExposure: true }); window.isolume.draw(); return Math.round(10 * window.isolume.state.exposure) / 10; }, state);
+    const picture = pictureOfProgram(store, `${name}-alone`, { ...state, exposure, env, more: ["--albedo", 0.7, ...(volume ? ["--volume", volume] : [])] });
+    const found = await difference(alone, { ...state, exposure }, picture);
+    check(found.mean <= MOST_DIFFERENCE, `one file: mean difference ${found.mean.toFixed(3)} of 255 to the program's picture of the whole store`);
+    await alone.close();
+  }
 }
 
 /** Drag, drag with Shift, wheel. */

@@ -185,6 +185,82 @@ fn one_file_states_its_size_and_is_reduced() {
     assert!(bench.refuses("view b.isolume --html no/such/page.html").contains("directory"));
 }
 
+/// The header in a page in one file.
+fn header(bench: &Bench, name: &str) -> serde_json::Value {
+    let page = String::from_utf8(bench.bytes(name)).expect("text");
+    let header = page.split("id=\"header\">").nth(1).and_then(|rest| rest.split("</script>").next());
+    serde_json::from_str(header.expect("a header")).expect("JSON")
+}
+
+fn example(name: &str) -> String {
+    format!("{}/examples/scenes/{name}.toml", env!("CARGO_MANIFEST_DIR"))
+}
+
+const SMALL: &str = "--rays 4 --texture 0.25 --cache cache";
+
+#[test]
+fn a_scene_is_baked_as_relight_does_and_shown() {
+    let bench = Bench::new();
+    let scene = example("box");
+    let (code, _, notes) = bench.outcome(&format!("view {scene} {SMALL} --html box.html"));
+    assert!(code == 0 && notes.contains("baked into"), "{notes}");
+    let shown = header(&bench, "box.html");
+    assert_eq!(shown["isovalues"], serde_json::json!([10.0, 47.0, 100.0, 150.0]));
+    assert_eq!(shown["texture"]["bands"], serde_json::json!([1, 1, 1, 1]));
+    assert_eq!(shown["scene"]["luminaires"][0]["name"], "ceiling");
+    // Luminaires are light enough: the first environment is dark, the others can be chosen.
+    let probes = shown["probes"].as_array().expect("probes");
+    assert!(probes[0]["coefficients"].as_array().is_some_and(|all| all.iter().all(|v| v == 0.0)));
+    assert_eq!(probes.len(), 4, "and those of the program");
+    // One store for both commands, and one noise: that of the contraction.
+    let (code, _, notes) = bench.outcome(&format!("relight {scene} {SMALL} --size 40x30"));
+    assert!(code == 0 && notes.contains("found in"), "{notes}");
+    let stores = std::fs::read_dir(bench.path("cache/stores-v3")).expect("a cache").flatten();
+    let stores: Vec<_> = stores.map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "isolume")).collect();
+    assert_eq!(stores.len(), 1, "{stores:?}");
+    let exported = bench.json(&format!("export {} --env constant:0 -o box.vti", stores[0].display()));
+    let [page, contraction] =
+        [&probes[0]["relative_error"], &exported["record"]["noise_over_mean"]].map(|v| v.as_f64().expect("a number"));
+    // The same sum, whose text may be rounded.
+    assert!((page - contraction).abs() <= 1e-9 * contraction && page > 0.0, "{page} {contraction}");
+    // An isovalue to begin with is baked besides.
+    bench.run(&format!("view {scene} {SMALL} -i 60 --html sixty.html"));
+    let begun = header(&bench, "sixty.html");
+    assert!(begun["isovalue"] == 60.0 && begun["isovalues"].as_array().is_some_and(|all| all.contains(&60.0.into())));
+}
+
+#[test]
+fn one_of_several_volumes_is_shown() {
+    let bench = Bench::new();
+    let scene = example("pair");
+    bench.run(&format!("view {scene} {SMALL} --volume gyroid --html gyroid.html"));
+    let shown = header(&bench, "gyroid.html");
+    assert_eq!(
+        (&shown["scene"]["volume"], &shown["scene"]["partners"][0]["name"]),
+        (&"gyroid".into(), &"bumps".into())
+    );
+    assert_eq!(shown["scene"]["partners"][0]["isovalues"], serde_json::json!([[0.6, 47.0]]));
+    assert_eq!((&shown["scene"]["rotation"], &shown["probes"][0]["name"]), (&(-90.0).into(), &"sky".into()));
+    bench.run(&format!("bake {scene} --rays 4 --texture 0.25 -o pair.isolume"));
+    let (code, _, notes) = bench.outcome("view pair.isolume --html first.html");
+    assert!(code == 0 && notes.contains("bumps, the first volume") && notes.contains("--volume NAME"), "{notes}");
+    assert_eq!(header(&bench, "first.html")["scene"]["volume"], "bumps");
+    assert!(bench.refuses("view pair.isolume --volume nobody --html p.html").contains("bumps, gyroid"));
+    assert!(bench.refuses(&format!("view {scene} {SMALL} --volume giroid")).contains("did you mean gyroid?"));
+}
+
+#[test]
+fn what_makes_no_sense_for_a_scene_is_refused_before_the_bake() {
+    let bench = Bench::new();
+    let scene = example("box");
+    assert!(bench.refuses(&format!("view {scene} {SMALL} --volume gyroid")).contains("one volume alone"));
+    assert!(bench.refuses(&format!("view {scene} {SMALL} --html {scene}")).contains("which is the input"));
+    assert!(bench.refuses("view nothere.toml").contains("nothere.toml"));
+    assert!(bench.refuses(&format!("view {scene} {SMALL} --env nowhere.hdr")).contains("nowhere.hdr"));
+    bench.run("bake bumpbox:8 --rays 4 -o b.isolume");
+    assert!(bench.refuses("view b.isolume --all-isovalues").contains("--all-isovalues"));
+}
+
 #[test]
 fn exports_are_refused_with_a_reason() {
     let bench = baked();

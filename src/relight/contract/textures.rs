@@ -65,6 +65,21 @@ impl<'a> Textures<'a> {
         Ok(Self { environment, surroundings: Some(surroundings) })
     }
 
+    /// That of the environment.
+    pub fn environment(&self) -> &'a dyn BrickSource {
+        self.environment
+    }
+
+    /// That of the level set's own emission; `None` for a volume alone.
+    pub fn emission(&self) -> Option<&'a dyn BrickSource> {
+        self.surroundings.as_ref().map(|surroundings| surroundings.emission)
+    }
+
+    /// Those of the luminaires; none for a volume alone.
+    pub fn luminaires(&self) -> &[LuminaireLight<'a>] {
+        self.surroundings.as_ref().map_or(&[], |surroundings| &surroundings.luminaires)
+    }
+
     /// Lattice and layers of the environment's texture.
     pub fn layout(&self) -> &'a Layout {
         self.environment.layout()

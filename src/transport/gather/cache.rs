@@ -193,7 +193,7 @@ impl Cache {
         let [bx, by, bz] = lattice.bricks();
         let mut slots = vec![NO_BRICK; bx * by * bz];
         for (slot, b) in bricks.iter().enumerate() {
-            slots[grid3::index([bx, by], b)] = slot as u32;
+            slots[grid3::index([bx, by], *b)] = slot as u32;
         }
         let texels = bricks.len() * BRICK_TEXELS;
         let values = Values::zeros(precision, 0);

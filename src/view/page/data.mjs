@@ -65,12 +65,9 @@ export function texelNumbers(data) {
   return numbers;
 }
 
-/** Four planes of coefficients side by side, for one layer of the GPU's texture of `size` texels. */
-export function interleave(data, group, size) {
-  const { coding, valid } = data.header.texture;
-  const Type = coding === "byte" ? Int8Array : Uint16Array;
-  const planes = section(data, "transfer", Type);
-  const out = new Type(4 * size);
+/** Four planes of numbers of a section side by side, for one layer of a GPU's texture of `size` texels. */
+export function interleave(planes, valid, group, size) {
+  const out = new planes.constructor(4 * size);
   const count = planes.length / valid;
   for (let c = 0; c < 4 && 4 * group + c < count; c++) {
     const plane = planes.subarray((4 * group + c) * valid, (4 * group + c + 1) * valid);

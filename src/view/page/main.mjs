@@ -13,7 +13,7 @@ const START = { azimuth: 35, elevation: 25, zoom: 1, panX: 0, panY: 0 };
 const VIEWS = {
   light: ["Light", ""],
   normal: ["Normals", "The direction of the surface in world: x red, y green, z blue."],
-  error: ["Error of the bake", "Relative standard error under constant light: black 0, blue 5 %, orange 10 %, white 20 % and more."],
+  error: ["Error of the bake", "Relative standard error under LIGHT: black 0, blue 5 %, orange 10 %, white 20 % and more."],
   lookup: ["How light was looked up", "Green: all eight texels. Yellow: some have no level set. Orange: those around. Red: none, light without shadows."],
 };
 // Longest pause between a change and the fine picture, and what a frame under the hand may take, in milliseconds.
@@ -23,7 +23,7 @@ const FINE = 4, ROWS = 24;
 
 const state = {
   ...START, isovalue: 0, perspective: false, environment: 0, rotation: 0, exposure: 0, autoExposure: true,
-  albedo: 0.7, colour: "", mode: "light", background: "theme", layers: [], bands: [], fixedSize: null,
+  albedo: 0.7, emission: 0, strength: 1, powers: [], colour: "", mode: "light", background: "theme", layers: [], bands: [], fixedSize: null,
 };
 let header, data, renderer, probes = [];
 let lightIsStale = true, exposureIsStale = true, isExposed = false, refinement = 0, frameIsDue = false, idleTimer = 0, scale = 1, coarse = false;
@@ -33,7 +33,7 @@ function update(change) {
   Object.assign(state, change);
   const touches = (...names) => names.some((n) => n in change);
   const recolours = state.colour !== "" && touches("isovalue");
-  if (touches("environment", "rotation", "albedo", "colour", "layers", "bands") || recolours) lightIsStale = true;
+  if (touches("environment", "strength", "powers", "rotation", "albedo", "emission", "colour", "layers", "bands") || recolours) lightIsStale = true;
   // Of what is in view: whatever changes it, or the light on it.
   if (lightIsStale || touches("isovalue", "autoExposure", "azimuth", "elevation", "zoom", "panX", "panY", "perspective")) exposureIsStale = true;
   if (touches("isovalue")) sayIfEmpty();
@@ -68,24 +68,42 @@ function coefficientsInWorld(probe = probes[state.environment], degrees = state.
   return applyBlocks(header.world_from_upright, rotateAboutZ(probe.coefficients, most, degrees), most);
 }
 
+/** Luminaires of the scene; none of a volume alone. */
+function luminaires() {
+  return header.scene?.luminaires ?? [];
+}
+
+/** What the surface sends out by and large: radiance of this size is 1 on the GPU, whose numbers are 16-bit floats. */
+function sizeOfLight() {
+  const mean = (rgb) => (rgb[0] + rgb[1] + rgb[2]) / 3;
+  const ofEnvironment = state.strength * mean(probes[state.environment].coefficients) * 0.2820948;
+  const size = luminaires().reduce((sum, l, i) => sum + state.powers[i] * mean(l.factor) * l.mean, Math.max(ofEnvironment, 0)) + state.emission;
+  return size > 0 ? size : 1;
+}
+
 /** What the GPU needs of the light: a few hundred numbers. */
 function lightForGpu() {
   counters.coefficientUpdates++;
   const { bands, scales } = header.texture;
   const most = Math.max(...bands);
-  const world = coefficientsInWorld();
+  const world = coefficientsInWorld().map((v) => v * state.strength);
   for (let l = 0; l < most; l++) if (!state.bands[l]) world.fill(0, 3 * l * l, 3 * (l + 1) * (l + 1));
-  const mean = (probes[state.environment].coefficients[0] + probes[state.environment].coefficients[1] + probes[state.environment].coefficients[2]) / 3 * 0.2820948;
-  const norm = mean > 0 ? mean : 1;
+  const norm = sizeOfLight();
   const albedo = albedoNow();
+  const openAlbedo = albedo.map((v, c) => v * (header.scene?.tint[c] ?? 1));
   const count = bands.reduce((sum, b) => sum + b * b, 0);
   const weights = new Float32Array(4 * count);
-  let at = 0;
+  const channels = header.scene ? 3 : 1;
+  let at = 0, first = 0; // the row of weights, and the first number of the layer in a texel
   bands.forEach((b, k) => {
-    weights[4 * at + 3] = Math.sqrt(4 * Math.PI) * scales[at];
+    if (channels === 1) weights[4 * at + 3] = Math.sqrt(4 * Math.PI) * scales[first];
     for (let i = 0; i < b * b; i++, at++) {
-      for (let c = 0; c < 3; c++) weights[4 * at + c] = (albedo[c] ** (k + 1) * world[3 * i + c] * scales[at]) / norm;
+      for (let c = 0; c < 3; c++) {
+        const scale = scales[first + i + (channels === 3 ? c * b * b : 0)];
+        weights[4 * at + c] = (albedo[c] ** (k + 1) * world[3 * i + c] * scale) / norm;
+      }
     }
+    first += channels * b * b;
   });
   const open = new Float32Array(75);
   for (let i = 0; i < Math.min(25, most * most); i++) {
@@ -99,9 +117,11 @@ function lightForGpu() {
     const row = g.slice(3 * (face >> 1), 3 * (face >> 1) + 3);
     const length = Math.hypot(...row) * (face & 1 ? 1 : -1);
     const lit = openRadiance(world, most, row.map((v) => v / length));
-    for (let c = 0; c < 3; c++) cut.push(state.layers[0] ? (0.5 * albedo[c] * Math.max(lit[c], 0)) / norm : 0);
+    for (let c = 0; c < 3; c++) cut.push(state.layers[0] ? (0.5 * openAlbedo[c] * Math.max(lit[c], 0)) / norm : 0);
   }
-  return { weights, norm, albedo, shown: state.layers.map(Number), open, cut };
+  const powers = luminaires().flatMap((l, i) => l.factor.map((f) => (f * state.powers[i]) / norm));
+  const emitted = [0, 1, 2].map(() => state.emission / norm);
+  return { weights, norm, albedo, openAlbedo, emitted, powers, shown: state.layers.map(Number), open, cut };
 }
 
 /** The exposure at which less than 1 % of what is in view is cut off at white, in its brightest channel. */
@@ -175,6 +195,11 @@ let timePerPixel = 1e-3;
 function showSky() {
   const probe = probes[state.environment];
   renderer.setSky(probe.size[0], probe.size[1], probe.picture);
+}
+
+/** What the page calls an environment. */
+function labelOf(probe) {
+  return probe.coefficients.every((v) => v === 0) ? "none (dark)" : probe.name;
 }
 
 /** Adds an environment of linear radiance (lat-long) and shows it. */
@@ -261,8 +286,15 @@ function percent(value) {
 function showState() {
   const probe = probes[state.environment];
   const turned = Math.round(state.rotation);
+  const isDark = labelOf(probe) !== probe.name;
+  const changed = luminaires().flatMap((l, i) => (state.powers[i] === 1 ? [] : [`${l.name} × ${short(state.powers[i])}`]));
+  const light = [
+    ...(isDark && luminaires().length > 0 ? [] : [`${labelOf(probe)}${state.strength === 1 ? "" : ` × ${short(state.strength)}`}${turned && !isDark ? ` turned ${turned}°` : ""}`]),
+    ...(luminaires().length === 0 ? [] : changed.length > 0 ? changed : ["luminaires"]),
+    ...(state.emission > 0 ? [`emission ${short(state.emission)}`] : []),
+  ].join(" + ");
   $("shown").textContent =
-    `isovalue ${short(state.isovalue)} · ${probe.name}${turned ? ` turned ${turned}°` : ""} · ` +
+    `isovalue ${short(state.isovalue)} · ${light} · ` +
     (state.colour ? state.colour : `albedo ${short(state.albedo)}`) + ` · ${state.exposure >= 0 ? "+" : "−"}${Math.abs(state.exposure).toFixed(2)} EV` +
     (state.mode === "light" ? "" : ` · ${VIEWS[state.mode][0].toLowerCase()}`);
   // Not under the hand of someone who types.
@@ -273,6 +305,14 @@ function showState() {
   $("rotation").value = turned;
   $("exposure").value = state.exposure;
   $("albedoText").textContent = state.albedo.toFixed(2);
+  $("emission").value = state.emission;
+  $("emissionText").textContent = short(state.emission, 3);
+  $("strength").value = state.strength;
+  $("strengthText").textContent = `× ${state.strength.toFixed(2)}`;
+  state.powers.forEach((power, i) => {
+    $(`power${i}`).value = power;
+    $(`powerText${i}`).textContent = `× ${power.toFixed(2)}`;
+  });
   $("rotationText").textContent = `${turned}°`;
   $("exposureText").textContent = `${state.exposure.toFixed(2)} EV`;
   $("autoExposure").checked = state.autoExposure;
@@ -282,12 +322,38 @@ function showState() {
   const step = (header.volume.range[1] - header.volume.range[0]) * 1e-3;
   $("heldNote").hidden = held === null || held.some((v) => Math.abs(v - state.isovalue) <= step);
   if (held) $("heldNote").textContent = `Baked for ${held.map((v) => short(v)).join(", ")} only: elsewhere light is partly without shadows.`;
-  const [light, error] = probe.relativeError === null ? ["constant light", header.constant_error] : [probe.name, probe.relativeError];
-  $("errorNote").textContent = `Standard error of the bake under ${light} at albedo ${short(header.albedo, 2)}: ` +
+  const [under, error] = probe.relativeError === null ? [lightOfErrors(), header.constant_error]
+    : [[...(isDark ? [] : [probe.name]), ...(luminaires().length > 0 ? ["the luminaires"] : [])].join(" and ") || labelOf(probe), probe.relativeError];
+  $("errorNote").textContent = `Standard error of the bake under ${under} at albedo ${short(header.albedo, 2)}: ` +
     `${percent(error)} of the mean radiance (RMS over all texels).`;
-  $("legend").textContent = VIEWS[state.mode][1];
+  $("standing").textContent = standing();
+  $("standing").hidden = !header.scene;
+  $("legend").textContent = VIEWS[state.mode][1].replace("LIGHT", lightOfErrors());
   $("legend").hidden = VIEWS[state.mode][1] === "";
   $("canvas").setAttribute("aria-label", `${header.name}: ${$("shown").textContent}`);
+}
+
+/** The light of the view of errors. */
+function lightOfErrors() {
+  return luminaires().length > 0 ? "the luminaires" : "constant light";
+}
+
+/** What else stands in a scene. */
+function standing() {
+  const { partners, volume } = header.scene ?? { partners: [] };
+  const with_ = partners.map((p) => `${p.name} at isovalue ${short(partnered(p.isovalues, state.isovalue))}`);
+  return (with_.length > 0 ? `This is ${volume}, in the light of ${with_.join(", ")}, not drawn here. ` : "") + "Walls and luminaires are seen by their light alone.";
+}
+
+/** The isovalue of another volume that belongs to one of this: linear between knots, the same where there are none. */
+function partnered(knots, isovalue) {
+  if (knots.length === 0) return isovalue;
+  const sorted = [...knots].sort((x, y) => x[0] - y[0]);
+  const next = sorted.findIndex((knot) => knot[0] > isovalue);
+  if (next === 0) return sorted[0][1];
+  if (next < 0) return sorted[sorted.length - 1][1];
+  const [[a, b], [c, d]] = [sorted[next - 1], sorted[next]];
+  return b + ((isovalue - a) / (c - a)) * (d - b);
 }
 
 function showCounters() {
@@ -376,7 +442,7 @@ function connectControls() {
   $("rangeHigh").textContent = short(range[1]);
   $("isovalueNumber").min = range[0];
   $("isovalueNumber").max = range[1];
-  probes.forEach((p, i) => $("environment").add(new Option(p.name, i)));
+  probes.forEach((p, i) => $("environment").add(new Option(labelOf(p), i)));
   $("colour").add(new Option("grey", ""));
   Object.keys(header.colormaps).forEach((name) => $("colour").add(new Option(name, name)));
   Object.entries(VIEWS).forEach(([mode, [name]]) => $("mode").add(new Option(name, mode)));
@@ -396,6 +462,8 @@ function connectControls() {
   on("byQuantile", "change", () => { showHistogram(); showState(); });
   on("colour", "change", (e) => update({ colour: e.target.value }));
   on("albedo", "input", (e) => update({ albedo: Number(e.target.value) }));
+  on("emission", "input", (e) => update({ emission: Number(e.target.value) }));
+  on("strength", "input", (e) => update({ strength: Number(e.target.value) }));
   on("environment", "change", (e) => update({ environment: Number(e.target.value) }));
   on("rotation", "input", (e) => update({ rotation: Number(e.target.value) }));
   on("exposure", "input", (e) => update({ exposure: Number(e.target.value), autoExposure: false }));
@@ -408,16 +476,37 @@ function connectControls() {
   on("theme", "click", () => setTheme(!document.documentElement.classList.contains("light")));
   on("save", "click", save);
   on("measure", "click", measure);
-  toggles("layers", header.texture.bands.map((_, k) => (k === 0 ? "direct" : k === 1 ? "1 bounce" : `${k} bounces`)).concat("beyond"));
+  const ofLayer = (k) => (header.scene ? `${k + 1}` : k === 0 ? "direct" : k === 1 ? "1 bounce" : `${k} bounces`);
+  if (header.scene) $("layersLegend").textContent = "Reflections by the surface; by walls any number";
+  toggles("layers", header.texture.bands.map((_, k) => ofLayer(k)).concat("beyond"));
   toggles("bands", header.world_from_upright.map((_, l) => `l = ${l}`));
   addEventListener("resize", () => update({}));
+}
+
+/** Strength of the environment, and a slider for each luminaire: a factor on the power that the scene gives it. */
+function connectScene() {
+  // A decade around what the surface sends out.
+  const unit = 10 ** Math.round(Math.log10(sizeOfLight()));
+  Object.assign($("emission"), { max: 4 * unit, step: unit / 100 });
+  if (!header.scene) return;
+  $("strengthRow").hidden = false;
+  $("luminaires").hidden = luminaires().length === 0;
+  luminaires().forEach(({ name }, i) => {
+    const row = Object.assign(document.createElement("div"), { className: "row" });
+    const label = Object.assign(document.createElement("label"), { htmlFor: `power${i}`, textContent: name, title: name });
+    const slider = Object.assign(document.createElement("input"), { id: `power${i}`, type: "range", min: 0, max: 4, step: 0.05 });
+    const output = Object.assign(document.createElement("output"), { id: `powerText${i}` });
+    slider.addEventListener("input", () => update({ powers: state.powers.map((v, j) => (i === j ? Number(slider.value) : v)) }));
+    row.append(label, slider, output);
+    $("luminaires").append(row);
+  });
 }
 
 /** A check box for each entry of a list of the state. */
 function toggles(name, labels) {
   if (name === "layers" && labels.length === 2) labels.pop(); // one layer has no tail
   state[name] = labels.map(() => true);
-  if (name === "layers" && header.texture.bands.length === 1) state.layers.push(false);
+  if (name === "layers" && header.texture.bands.length === 1) state.layers.push(true); // of emission alone
   labels.forEach((text, i) => {
     const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: true });
     box.addEventListener("change", () => update({ [name]: state[name].map((v, j) => (i === j ? box.checked : v)) }));
@@ -438,7 +527,7 @@ function save() {
   coarse = false;
   drawFrame();
   const link = Object.assign(document.createElement("a"), { href: renderer.canvas.toDataURL("image/png") });
-  link.download = `${header.name}-${short(state.isovalue)}-${probes[state.environment].name}.png`;
+  link.download = `${header.name}-${short(state.isovalue)}-${labelOf(probes[state.environment]).replace(/\W+/g, "-")}.png`;
   link.click();
 }
 
@@ -493,7 +582,7 @@ function connectStage() {
       ArrowLeft: () => (e.shiftKey ? turnLight(-5) : turnView(-5, 0)), ArrowRight: () => (e.shiftKey ? turnLight(5) : turnView(5, 0)),
       ArrowUp: () => turnView(0, 5), ArrowDown: () => turnView(0, -5), "+": () => zoomBy(1.1), "=": () => zoomBy(1.1), "-": () => zoomBy(1 / 1.1),
       "[": () => update({ isovalue: clampIsovalue(state.isovalue - step) }), "]": () => update({ isovalue: clampIsovalue(state.isovalue + step) }),
-      Home: () => update({ ...START, rotation: 0 }),
+      Home: () => update({ ...START, rotation: rotationOfScene() }),
     };
     if (acts[e.key] && !e.metaKey) { e.preventDefault(); acts[e.key](); }
   });
@@ -505,6 +594,10 @@ function connectStage() {
     $("drop").hidden = true;
     [...e.dataTransfer.files].forEach(openFile);
   });
+}
+
+function rotationOfScene() {
+  return (((header.scene?.rotation ?? 0) + 540) % 360) - 180;
 }
 
 function turnView(azimuth, elevation) {
@@ -531,6 +624,9 @@ async function start() {
   state.isovalue = header.isovalue;
   state.albedo = Number(header.albedo.toPrecision(3));
   if (matchMedia("(prefers-color-scheme: light)").matches) document.documentElement.classList.add("light");
+  state.rotation = rotationOfScene();
+  state.powers = luminaires().map(() => 1);
+  connectScene();
   connectControls();
   connectStage();
   setTheme(document.documentElement.classList.contains("light"));

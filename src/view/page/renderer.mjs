@@ -4,7 +4,7 @@ import { counters, errorTexture, interleave, section, texelNumbers } from "./dat
 import { COVER, MODES, PICTURE, contractionShader } from "./shaders.mjs";
 import { Placement, cameraRays, times } from "./camera.mjs";
 
-const UNIT = { samples: 0, ranges: 1, radiances: 2, errors: 3, sky: 4, numbers: 5, transfer: 6 };
+const UNIT = { samples: 0, ranges: 1, radiances: 2, errors: 3, sky: 4, numbers: 5, transfer: 6, surroundings: 8 };
 
 export class Renderer {
   /** Uploads everything; `data` is not needed afterwards. */
@@ -23,8 +23,8 @@ export class Renderer {
     this.uploadVolume(data);
     this.uploadTransfer(data);
     this.picture = this.program(PICTURE);
-    const { bands } = data.header.texture;
-    this.contraction = this.program(contractionShader(bands, this.width));
+    const { texture, scene } = data.header;
+    this.contraction = this.program(contractionShader(texture.bands, scene ? scene.luminaires.length : null, this.width));
     const light = gl.getUniformBlockIndex(this.contraction.handle, "Light");
     gl.uniformBlockBinding(this.contraction.handle, light, 0);
     this.weights = gl.createBuffer();
@@ -47,6 +47,7 @@ export class Renderer {
     gl.useProgram(contraction.handle);
     gl.uniform1i(contraction.at("numbers"), UNIT.numbers);
     gl.uniform1i(contraction.at("transfer"), UNIT.transfer);
+    gl.uniform1i(contraction.at("surroundings"), UNIT.surroundings);
   }
 
   texture(unit, target, filter) {
@@ -84,25 +85,32 @@ export class Renderer {
 
   uploadTransfer(data) {
     const { gl } = this;
-    const { texels, valid, bands, coding } = data.header.texture;
+    const { texels, coding } = data.header.texture;
     this.width = Math.min(4096, gl.getParameter(gl.MAX_TEXTURE_SIZE));
-    const height = Math.ceil(valid / this.width);
-    const groups = Math.ceil(bands.reduce((sum, b) => sum + b * b, 0) / 4);
     const numbers = texelNumbers(data);
     this.upload3D(UNIT.numbers, gl.NEAREST, gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT, texels, numbers);
     const errors = errorTexture(data, numbers);
     this.upload3D(UNIT.errors, gl.LINEAR, gl.R8, gl.RED, gl.UNSIGNED_BYTE, texels, errors);
-    this.texture(UNIT.transfer, gl.TEXTURE_2D_ARRAY, gl.NEAREST);
-    const isByte = coding === "byte";
-    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, isByte ? gl.RGBA8_SNORM : gl.RGBA16F, this.width, height, groups);
-    const size = this.width * height;
-    for (let g = 0; g < groups; g++) {
-      const type = isByte ? gl.BYTE : gl.HALF_FLOAT;
-      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, g, this.width, height, 1, gl.RGBA, type, interleave(data, g, size));
-    }
+    this.uploadPlanes(UNIT.transfer, data, "transfer", coding === "byte");
+    if (data.header.scene) this.uploadPlanes(UNIT.surroundings, data, "surroundings", false);
     this.radiances = this.upload3D(UNIT.radiances, gl.LINEAR, gl.RGBA16F, gl.RGBA, gl.HALF_FLOAT, texels, null);
     const error = gl.getError();
     if (error !== gl.NO_ERROR) throw new Error(`the GPU refused the textures (error ${error}): too large for its memory?`);
+  }
+
+  /** The planes of a section, four to a layer: the valid texels row by row. */
+  uploadPlanes(unit, data, name, isByte) {
+    const { gl } = this;
+    const { valid } = data.header.texture;
+    const planes = section(data, name, isByte ? Int8Array : Uint16Array);
+    const groups = Math.ceil(planes.length / valid / 4), height = Math.ceil(valid / this.width);
+    this.texture(unit, gl.TEXTURE_2D_ARRAY, gl.NEAREST);
+    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, isByte ? gl.RGBA8_SNORM : gl.RGBA16F, this.width, height, groups);
+    for (let g = 0; g < groups; g++) {
+      const type = isByte ? gl.BYTE : gl.HALF_FLOAT;
+      const numbers = interleave(planes, valid, g, this.width * height);
+      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, g, this.width, height, 1, gl.RGBA, type, numbers);
+    }
   }
 
   program(fragment) {
@@ -136,8 +144,8 @@ export class Renderer {
 
   /**
    * Multiplies all texels with a light on the GPU. `light` has `weights` (four numbers a coefficient), `norm` by which
-   * radiance is to be multiplied again, `albedo`, `shown` (layers and tail), and for points without texels `open` and
-   * `cut`.
+   * radiance is to be multiplied again, `albedo`, `emitted`, `powers` (three numbers a luminaire), `shown` (layers and
+   * tail), and for points without texels `open` and `cut`, with `openAlbedo`.
    */
   contract(light) {
     const { gl, contraction, picture } = this;
@@ -147,6 +155,8 @@ export class Renderer {
     gl.bufferData(gl.UNIFORM_BUFFER, light.weights, gl.DYNAMIC_DRAW);
     gl.useProgram(contraction.handle);
     gl.uniform3fv(contraction.at("albedo"), light.albedo);
+    gl.uniform3fv(contraction.at("emitted"), light.emitted);
+    if (light.powers.length > 0) gl.uniform3fv(contraction.at("powers"), light.powers);
     gl.uniform1fv(contraction.at("shown"), light.shown);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
     gl.viewport(0, 0, mx, my);
@@ -157,7 +167,8 @@ export class Renderer {
     }
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.useProgram(picture.handle);
-    gl.uniform3fv(picture.at("albedo"), light.albedo);
+    gl.uniform3fv(picture.at("albedo"), light.openAlbedo);
+    gl.uniform3fv(picture.at("emitted"), light.emitted);
     gl.uniform3fv(picture.at("openLight"), light.open);
     gl.uniform3fv(picture.at("cut"), light.cut);
     counters.contractions++;
@@ -182,6 +193,7 @@ export class Renderer {
     }
     gl.uniform1f(picture.at("level"), this.textureNumber(view.isovalue));
     gl.uniform1f(picture.at("exposure"), this.norm * 2 ** view.exposure);
+    gl.uniform1f(picture.at("skyStrength"), view.strength / this.norm);
     gl.uniform1i(picture.at("supersampling"), supersampling);
     gl.uniform1i(picture.at("mode"), mode);
     gl.uniform4fv(picture.at("background"), view.background);

@@ -14,31 +14,49 @@ export const COVER = `#version 300 es
 void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }
 `;
 
-/**
- * Contraction for the given bands of each layer. Σ_k ρ^(k+1) ⟨T_k, L⟩ and the tail beyond the last layer, which falls
- * geometrically with the ratio r = min(a_K/a_(K−1), S/(S + a_K)) of the chances to escape a_k = sqrt(4π) T_k,00.
- */
-export function contractionShader(bands, width) {
-  const count = bands.reduce((sum, b) => sum + b * b, 0);
-  const last = bands.length - 1;
-  const layerOf = bands.flatMap((b, k) => Array(b * b).fill(k));
-  const offsets = bands.map((_, k) => layerOf.indexOf(k));
+/** Assignments that read `count` numbers of a texel, four to a layer of a texture: `use(i, number)` says what is done with each. */
+function reads(sampler, count, use) {
   const lines = [];
   for (let i = 0; i < count; i++) {
-    if (i % 4 === 0) lines.push(`t = texelFetch(transfer, ivec3(place, ${i / 4}), 0);`);
-    const t = `t.${"xyzw"[i % 4]}`, k = layerOf[i];
-    lines.push(`layer[${k}] += ${t} * weights[${i}].rgb;`);
-    if (offsets.includes(i)) lines.push(`escape[${k}] = ${t} * weights[${i}].w;`);
+    if (i % 4 === 0) lines.push(`t = texelFetch(${sampler}, ivec3(place, ${i / 4}), 0);`);
+    lines.push(use(i, `t.${"xyzw"[i % 4]}`));
   }
+  return lines.join("\n  ");
+}
+
+/** Index of a coefficient in its layer and channel, for each number of a texel in the order of the texture. */
+function coefficients(bands, channels) {
+  let first = 0;
+  return bands.flatMap((b, k) => {
+    const of = [...Array(channels).keys()].flatMap((c) => [...Array(b * b).keys()].map((i) => ({ k, c, isFirst: i === 0, weight: first + i })));
+    first += b * b;
+    return of;
+  });
+}
+
+/**
+ * Contraction for the given bands of each layer; `luminaires` is their number in a scene, null for a volume alone.
+ *
+ * Alone: Σ_k ρ^(k+1) ⟨T_k, L⟩ and the tail beyond the last layer, which falls geometrically with the ratio
+ * r = min(a_K/a_(K−1), S/(S + a_K)) of the chances to escape a_k = sqrt(4π) T_k,00; and emission, Σ_k ρ^k S_k to its end.
+ * In a scene, channel by channel: Σ_k ρ^(k+1) (⟨T_k, L⟩ + Σ_l s_l G_k,l + e G_k) + e, the last layer repeated with the
+ * share r = min(1, G_K/G_(K−1)) of the emission's group.
+ */
+export function contractionShader(bands, luminaires, width) {
+  const last = bands.length - 1;
+  const weights = bands.reduce((sum, b) => sum + b * b, 0);
+  const body = luminaires === null ? contractionAlone(bands) : contractionInScene(bands, luminaires);
   return `${HEAD}
 layout(std140) uniform Light {
-  vec4 weights[${count}]; // ρ^(k+1) L_i · scale_i; in w, for the first of a layer, sqrt(4π) · scale_i
+  vec4 weights[${weights}]; // ρ^(k+1) L_i · scale_i; in w, for the first of a layer alone, sqrt(4π) · scale_i
 };
 uniform usampler3D numbers;
 uniform sampler2DArray transfer;
 uniform int slice;
-uniform vec3 albedo;
+uniform vec3 albedo, emitted;
 uniform float shown[${last + 2}]; // 1 for layers that are on; the last for what comes beyond them
+${luminaires === null ? "" : "uniform sampler2DArray surroundings;"}
+${luminaires > 0 ? `uniform vec3 powers[${luminaires}];` : ""}
 out vec4 radiance;
 
 void main() {
@@ -47,23 +65,67 @@ void main() {
   int at = int(number - 1u);
   ivec2 place = ivec2(at % ${width}, at / ${width});
   vec3 layer[${last + 1}];
-  float escape[${last + 1}];
   for (int k = 0; k <= ${last}; k++) layer[k] = vec3(0.0);
+  vec3 sum = emitted, power = vec3(1.0);
   vec4 t;
-  ${lines.join("\n  ")}
-  vec3 sum = vec3(0.0);
-  for (int k = 0; k <= ${last}; k++) sum += shown[k] * layer[k];
-${last > 0 ? `
-  float before = escape[${last - 1}], ultimate = escape[${last}], survival = 1.0;
-  for (int k = 0; k <= ${last}; k++) survival -= escape[k];
-  survival = max(survival, 0.0);
-  if (before > 0.0 && ultimate > 0.0) {
-    vec3 x = albedo * min(ultimate / before, survival / (survival + ultimate));
-    sum += shown[${last + 1}] * layer[${last}] * x / (1.0 - x);
-  }` : ""}
+  ${body}
   radiance = vec4(sum, 1.0);
 }
 `;
+}
+
+function contractionAlone(bands) {
+  const last = bands.length - 1;
+  const all = coefficients(bands, 1);
+  const use = (i, t) => {
+    const { k, isFirst } = all[i];
+    return `layer[${k}] += ${t} * weights[${i}].rgb;${isFirst ? ` escape[${k}] = ${t} * weights[${i}].w;` : ""}`;
+  };
+  return `float escape[${last + 1}];
+  ${reads("transfer", all.length, use)}
+  float survival = 1.0, ratio = 0.0, ultimate = escape[${last}];
+  for (int k = 0; k <= ${last}; k++) {
+    power *= albedo;
+    survival -= escape[k];
+    sum += shown[k] * (layer[k] + emitted * power * max(survival, 0.0));
+  }
+  survival = max(survival, 0.0);
+${last > 0 ? `
+  float before = escape[${last - 1}];
+  if (before > 0.0 && ultimate > 0.0) ratio = min(ultimate / before, survival / (survival + ultimate));
+  vec3 x = albedo * ratio;
+  sum += shown[${last + 1}] * layer[${last}] * x / (1.0 - x);` : ""}
+  // Emission beyond: what never escapes, which has no end at albedo 1, and what does in ever smaller parts.
+  float forever = max(survival - ultimate * ratio / (1.0 - ratio), 0.0);
+  vec3 decaying = ultimate * ratio * ratio / ((1.0 - ratio) * (1.0 - albedo * ratio));
+  vec3 ends = mix(vec3(0.0), forever / max(1.0 - albedo, 1e-6), lessThan(albedo, vec3(1.0)));
+  sum += shown[${last + 1}] * emitted * power * albedo * (ends + decaying);`;
+}
+
+function contractionInScene(bands, luminaires) {
+  const last = bands.length - 1;
+  const all = coefficients(bands, 3);
+  const transfer = (i, t) => `layer[${all[i].k}].${"rgb"[all[i].c]} += ${t} * weights[${all[i].weight}].${"rgb"[all[i].c]};`;
+  const number = (i) => ({ group: Math.floor(i / (3 * bands.length)), k: Math.floor(i / 3) % bands.length, c: "rgb"[i % 3] });
+  const surroundings = (i, t) => {
+    const { group, k, c } = number(i);
+    return group === 0 ? `again[${k}].${c} = ${t};` : `layer[${k}].${c} += albedoPower[${k}].${c} * powers[${group - 1}].${c} * ${t};`;
+  };
+  return `vec3 again[${last + 1}], albedoPower[${last + 1}];
+  for (int k = 0; k <= ${last}; k++) {
+    power *= albedo;
+    albedoPower[k] = power;
+  }
+  ${reads("transfer", all.length, transfer)}
+  ${reads("surroundings", 3 * bands.length * (1 + luminaires), surroundings)}
+  for (int k = 0; k <= ${last}; k++) {
+    layer[k] += emitted * albedoPower[k] * again[k];
+    sum += shown[k] * layer[k];
+  }
+${last > 0 ? `
+  vec3 before = again[${last - 1}];
+  vec3 x = albedo * mix(vec3(0.0), min(again[${last}] / max(before, 1e-30), 1.0), greaterThan(before, vec3(0.0)));
+  sum += shown[${last + 1}] * layer[${last}] * mix(vec3(0.0), x / max(1.0 - x, 1e-6), lessThan(x, vec3(1.0)));` : ""}`;
 }
 
 /** What the picture can show besides radiance. */
@@ -83,10 +145,10 @@ uniform float level, side;   // isovalue in the texture's numbers; +1 where larg
 uniform vec3 origin, originX, originY, direction, directionX, directionY; // in cells
 uniform vec3 skyRay, skyX, skyY; // in the probe's frame
 uniform mat3 normalFromGradient;
-uniform vec3 albedo;
+uniform vec3 albedo, emitted;
 uniform vec3 openLight[25];  // A_l/π times the coefficients of the light, first five bands
 uniform vec3 cut[6];         // radiance of cut faces: −x, +x, −y, +y, −z, +z of the box
-uniform float exposure;
+uniform float exposure, skyStrength;
 uniform vec2 size;
 uniform int supersampling, mode;
 uniform vec4 background;     // linear; alpha 0: the environment
@@ -160,7 +222,7 @@ vec3 look(vec3 p, out int kind) {
   kind = 2;
   if (sum.a > 0.0) return sum.rgb / sum.a;
   kind = 3;
-  return albedo * openRadiance(normalAt(p));
+  return albedo * openRadiance(normalAt(p)) + emitted;
 }
 
 struct Hit { bool found, isCut; float t; vec3 at; int face; };
@@ -277,7 +339,7 @@ void main() {
   if (mode == ${MODES.radiance}) { colour = vec4(straight, coverage); return; }
   if (mode == ${MODES.depth}) { float d = sum.a > 0.0 ? special.r / sum.a : 0.0; colour = vec4(d, fract(d * 256.0), coverage, 1.0); return; }
   vec2 place = gl_FragCoord.xy / size * 2.0 - 1.0;
-  vec3 behind = background.a > 0.0 ? background.rgb : clamp(exposure * skyRadiance(skyRay + place.x * skyX + place.y * skyY), 0.0, 1.0);
+  vec3 behind = background.a > 0.0 ? background.rgb : clamp(exposure * skyStrength * skyRadiance(skyRay + place.x * skyX + place.y * skyY), 0.0, 1.0);
   vec3 front = mode == ${MODES.light} ? clamp(straight * exposure, 0.0, 1.0) : sum.a > 0.0 ? special / sum.a : vec3(0.0);
   if (mode == ${MODES.normal}) front = pow(front, vec3(2.2));
   colour = vec4(encoded(mix(behind, front, coverage)), 1.0);

@@ -2,7 +2,6 @@
 //! evenly, and from all samples of the border.
 
 use super::super::{Solid, Volume};
-use crate::grid3;
 
 /// Most samples that are looked at.
 const MOST_SAMPLES: usize = 1 << 20;
@@ -237,7 +236,7 @@ mod tests {
             for_border(dims, &mut |i| seen.push(i));
             let [nx, ny, nz] = dims;
             let on = |i: usize| {
-                let at = grid3::at([nx, ny], i);
+                let at = crate::grid3::at([nx, ny], i);
                 (0..3).any(|a| at[a] == 0 || at[a] + 1 == dims[a])
             };
             let expected: Vec<usize> = (0..nx * ny * nz).filter(|&i| on(i)).collect();

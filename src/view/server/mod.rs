@@ -2,12 +2,17 @@
 //!
 //! The address holds a random token, so that no other user of the machine and no page elsewhere can guess it; names of other
 //! hosts and pages of other origins are refused besides. What a connection may take is bounded: a handler of its own, of
-//! which there are [`MOST_CONNECTIONS`], times, sizes, and one image decoded at a time.
+//! which there are at most 32, times, sizes, and one image decoded at a time.
+//!
+//! The only module of the library besides the command line that reads the clock, for these times; no number that is served
+//! depends on it.
 
-use super::http::{Head, Refusal, Timed, read_body, read_head, write_answer};
+mod http;
+
+use super::{Package, page};
 use crate::error::Error;
 use crate::probe::{Probe, ReadOptions};
-use crate::view::{Package, page};
+use http::{Head, Refusal, Timed, read_body, read_head, write_answer};
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -31,7 +36,7 @@ const DRAINED: u64 = 1 << 20;
 const DRAINING: Duration = Duration::from_secs(1);
 
 /// A server that listens, but does not answer yet.
-pub(super) struct Server {
+pub struct Server {
     listener: TcpListener,
     site: Arc<Site>,
 }
@@ -72,11 +77,11 @@ fn random() -> Result<String, Error> {
 }
 
 impl Server {
-    /// Listens on this machine; port 0 is any that is free.
+    /// Listens on this machine, for who will ask for the page with this package; port 0 is any that is free.
     ///
     /// # Errors
     /// When the port is taken, or the system has no random numbers.
-    pub(super) fn new(port: u16, package: Package) -> Result<Self, Error> {
+    pub fn new(port: u16, package: Package) -> Result<Self, Error> {
         let remedy = "give another --port";
         let taken = |e: io::Error| Error::argument("--port", format!("{port}: {e}"), "a port that is free", remedy);
         let listener = TcpListener::bind(("127.0.0.1", port)).map_err(taken)?;
@@ -100,14 +105,17 @@ impl Server {
         Ok(Self { listener, site: Arc::new(site) })
     }
 
-    /// What to open in a browser.
-    pub(super) fn address(&self) -> Result<String, Error> {
+    /// What to open in a browser: `http://127.0.0.1:PORT/TOKEN/`.
+    ///
+    /// # Errors
+    /// When the system does not say where it listens.
+    pub fn address(&self) -> Result<String, Error> {
         let address = self.listener.local_addr().map_err(|e| Error::io("", "listen", e))?;
         Ok(format!("http://{address}/{}/", self.site.token))
     }
 
-    /// Answers, for ever.
-    pub(super) fn run(&self) {
+    /// Answers, for ever: the page, its data, and environments that it sends to be decoded.
+    pub fn run(&self) {
         for stream in self.listener.incoming() {
             let Ok(stream) = stream else {
                 // Too many open files, say: the next one may find room.

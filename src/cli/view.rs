@@ -1,0 +1,379 @@
+//! `isolume view`: the live page, served on this machine or written into one file.
+
+use super::baking;
+use super::cache::{Cache, Filled, InUse};
+use super::console::Console;
+use super::info::{self, check_store};
+use super::input::VolumeArgs;
+use super::inputs::Inputs;
+use super::isovalue::{Isovalue, NamedIsovalue};
+use super::light::open_probe;
+use super::options::TransferArgs;
+use super::output::check_file;
+use super::{Failure, Outcome, options, scene, text};
+use crate::bake::{Goal, Request, Writing, layout_of_scene};
+use crate::error::Error;
+use crate::export::atomic;
+use crate::probe::{EMBEDDED, Probe};
+use crate::scene::{DARK, Member, Scene, SceneFile};
+use crate::session::Groups;
+use crate::transfer::store::Completeness;
+use crate::transfer::store::{SceneIdentity, Store};
+use crate::view::page::page_in_one_file;
+use crate::view::server::Server;
+use crate::view::{Coding, Options, Package, Subject, Surrounded, pack};
+use serde_json::json;
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Look at a store, a volume or a scene in the browser: every isosurface, relit interactively
+///
+/// Serves a page on 127.0.0.1 until Ctrl-C, for who has the address that is printed; or writes one file that opens
+/// without a network. The page needs a browser with WebGL2. Environments (.hdr, .exr; up to 64 MB and 33 million pixels)
+/// can be dropped onto it. A volume is baked first, for all its isovalues, into a store in the user's cache folder, where
+/// the next run finds it; a scene for those that it lists, as by relight.
+///
+/// In a scene each luminaire has a slider, and where there are any the environment is dark at the beginning. What walls do
+/// to the light is seen, the walls themselves are not drawn. Of several volumes one is shown, in the light of all. The
+/// material is chosen on the page.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:
+  isolume view brain.isolume
+  isolume view brain.isolume --html brain.html --texture-side 96 --env sunset.hdr
+  isolume view brain.nii.gz --texture 0.5
+  isolume view scene.toml
+  isolume view pair.isolume --volume gyroid")]
+pub(super) struct View {
+    /// The store, or a volume file, field or scene (.toml) that is baked first
+    #[arg(value_name = "X.isolume|VOLUME|SCENE")]
+    input: String,
+    /// Write the page with its data into one file instead: 8-bit coefficients, reduced resolution
+    #[arg(long, value_name = "OUT.html")]
+    html: Option<PathBuf>,
+    /// The isovalue to begin with: a number, a percentage of the range, or auto. Of several volumes that of the one shown
+    #[arg(
+        short,
+        long,
+        visible_alias = "isovalues",
+        value_name = "C",
+        default_value = "auto",
+        allow_hyphen_values = true
+    )]
+    isovalue: Isovalue,
+    /// Environments besides the embedded ones: image files or skies, as relight takes them
+    #[arg(short, long, value_name = "PROBE")]
+    env: Vec<String>,
+    /// Which of several volumes baked together is shown [default: the first]
+    #[arg(long = "volume", value_name = "NAME")]
+    of_volume: Option<String>,
+    /// Most texels along an axis; more are reduced to their means [default: 256, in one file 96]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=2048))]
+    texture_side: Option<u32>,
+    /// Most samples of the volume along an axis [default: 512, in one file 160]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=2048))]
+    volume_side: Option<u32>,
+    /// Port to serve on [default: a free one]
+    #[arg(long, value_name = "PORT", default_value_t = 0, hide_default_value = true)]
+    port: u16,
+    /// Accept a store whose bake is not finished: what is missing is filled from neighbours, or has no light
+    #[arg(long)]
+    partial: bool,
+    /// Open the page in the browser of this system
+    #[arg(long)]
+    open: bool,
+    #[command(flatten, next_help_heading = "Volume")]
+    volume: VolumeArgs,
+    #[command(flatten, next_help_heading = "Bake of a volume")]
+    transfer: TransferArgs,
+    /// Where stores of volumes are kept [default: the user's cache folder; see isolume cache]
+    #[arg(long, value_name = "DIR", help_heading = "Bake of a volume")]
+    cache: Option<PathBuf>,
+    /// Bake a scene for all isovalues, not only for those that it lists; of a volume all are baked
+    #[arg(long, help_heading = "Bake of a volume")]
+    all_isovalues: bool,
+    #[arg(skip)]
+    pub(super) scene: Option<SceneFile>,
+}
+
+impl View {
+    pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
+        if let Some(path) = &self.html {
+            check_file(path)?;
+            Inputs::new(self.env.iter().chain([&self.input])).with_scene(self.scene.as_ref()).refuse(path)?;
+        }
+        // What cannot be read is refused before a bake, which may take minutes.
+        self.env.iter().try_for_each(|name| self.open_probe(name).map(drop))?;
+        let (store, _use) = self.store(seed, console)?;
+        let package = self.package(&store, console)?;
+        match &self.html {
+            Some(path) => write_page(path, &package, console),
+            None => self.serve(package, console),
+        }
+    }
+
+    /// The store of what is shown, baked where it is not in the cache.
+    fn store(&self, seed: u64, console: &Console) -> Outcome<(Store, Option<InUse>)> {
+        if info::is_store(&self.input) || self.input.ends_with(".isolume") {
+            check_store(&self.input)?;
+            if self.all_isovalues {
+                let remedy = "leave it out: a store shows what it holds";
+                return Err(Error::argument("--all-isovalues", "with a store", "a scene", remedy).into());
+            }
+            return Ok((self.choose(Store::open(&self.input)?, console)?, None));
+        }
+        let volume_options = self.volume.options_with(self.transfer.shadowing());
+        let mut scene = match &self.scene {
+            Some(file) => file.open(&volume_options, &self.transfer.effects())?,
+            None => Scene::open_with(&self.input, &volume_options, &self.transfer.effects())?,
+        };
+        self.check_name(&scene)?;
+        let isovalues = self.isovalues_of_scene()?;
+        let cache = Cache::locate(self.cache.as_deref())?;
+        cache.prepare()?;
+        let (mut path, mut last) = (None, None);
+        for member in scene.members_mut() {
+            last = Some(self.bake(member, &isovalues, (&cache, &mut path), seed, console)?);
+        }
+        cache.tidy(console);
+        let Some(Filled { store, in_use, .. }) = last else {
+            return Err(Failure::Message("a scene without volumes".into()));
+        };
+        // Of several volumes the last one was filled last.
+        let store = if scene.members().len() > 1 { Store::open(store.path())? } else { store };
+        Ok((self.choose(store, console)?, Some(in_use)))
+    }
+
+    /// Bakes a volume of a scene, or one alone; the first decides the path of the store.
+    fn bake(
+        &self,
+        member: &mut Member,
+        isovalues: &[NamedIsovalue],
+        (cache, path): (&Cache, &mut Option<PathBuf>),
+        seed: u64,
+        console: &Console,
+    ) -> Outcome<Filled> {
+        let resolve = |named: &NamedIsovalue| {
+            let chosen = member.choose_named(named.volume.as_deref(), named.isovalue);
+            chosen.map_err(|e| options::in_scene(e, self.scene.as_ref(), &named.isovalue))
+        };
+        let chosen = isovalues.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
+        member.take_side(&chosen)?;
+        if chosen.is_empty() {
+            member.check_all()?;
+        }
+        let (volume, geometry) = (&*member.volume, member.geometry.as_ref());
+        volume.check_cells()?;
+        volume.notes.iter().for_each(|note| console.note(&note.text));
+        let bands = self.scene.as_ref().and_then(scene::bands).unwrap_or(vec![5]);
+        let layout = layout_of_scene(self.transfer.layout(volume, &bands)?, geometry);
+        let settings = self.transfer.settings(&layout, seed, false);
+        let effects = self.transfer.effects();
+        let job = Request {
+            goal: Goal { error: self.transfer.error, ..Goal::default() },
+            isovalues: (!chosen.is_empty()).then(|| chosen.iter().map(|c| c.value).collect()),
+            memory_limit: self.transfer.memory_limit,
+            writing: if path.is_none() { Writing::of_cache() } else { Writing::default() },
+            geometry,
+            ..Request::new(volume, &member.label, layout, settings, &effects)
+        };
+        baking::check(&job)?;
+        let name = member.is_among_others().then_some(volume.name.as_str());
+        let path = path.get_or_insert_with(|| cache.place(&job));
+        let filled = cache.fill(&job, path, std::time::Instant::now(), console)?;
+        cache.tell(&filled.report, name, path, console);
+        Ok(filled)
+    }
+
+    /// The isovalues that the scene lists, and the one to begin with; none where all are baked.
+    fn isovalues_of_scene(&self) -> Outcome<Vec<NamedIsovalue>> {
+        let listed = self.scene.as_ref().filter(|_| !self.all_isovalues).and_then(scene::isovalues);
+        let listed = listed.iter().flat_map(|list| list.split(',')).map(|text| text.parse().map_err(Failure::Message));
+        let mut all = listed.collect::<Outcome<Vec<NamedIsovalue>>>()?;
+        if !all.is_empty() && self.isovalue != Isovalue::Auto {
+            all.push(NamedIsovalue { volume: self.of_volume.clone(), isovalue: self.isovalue });
+        }
+        Ok(all)
+    }
+
+    /// Refuses a name that no volume of the scene has, before anything is baked.
+    fn check_name(&self, scene: &Scene) -> Outcome {
+        let Some(name) = &self.of_volume else { return Ok(()) };
+        let several = scene.members().iter().filter(|member| member.is_among_others());
+        let names: Vec<&str> = several.map(|member| member.volume.name.as_str()).collect();
+        if names.contains(&name.as_str()) {
+            return Ok(());
+        }
+        let (expected, remedy) = match names.as_slice() {
+            [] => ("a store or a scene of several volumes".into(), "this is one volume alone: leave it out".into()),
+            _ => (
+                format!("one of {}", names.join(", ")),
+                text::nearest(name, names.iter().copied())
+                    .map_or("see the [[volumes]] of the scene".into(), |near| format!("did you mean {near}?")),
+            ),
+        };
+        Err(Error::argument("--volume", name, expected, remedy).into())
+    }
+
+    /// The volume of the store that is shown.
+    fn choose(&self, store: Store, console: &Console) -> Outcome<Store> {
+        match &self.of_volume {
+            Some(name) => Ok(store.of_volume(name)?),
+            None => {
+                if let [first, _, ..] = store.volumes()?.as_slice() {
+                    console.note(format!("{first}, the first volume, is shown: --volume NAME shows another"));
+                }
+                Ok(store)
+            }
+        }
+    }
+
+    /// The environments of the page, the first of which it begins with. Luminaires are light enough.
+    fn probes(&self, surroundings: Option<&SceneIdentity>) -> Outcome<Vec<Probe>> {
+        let mut names: Vec<&str> = self.env.iter().map(String::as_str).collect();
+        if surroundings.is_some_and(|scene| !scene.luminaires.is_empty()) && !names.contains(&DARK) {
+            names.push(DARK);
+        }
+        let mut probes: Vec<Probe> =
+            names.into_iter().chain(EMBEDDED).map(|name| self.open_probe(name)).collect::<Result<_, _>>()?;
+        probes.dedup_by(|a, b| a.name == b.name);
+        Ok(probes)
+    }
+
+    /// Opens an environment; an error names the line of the scene that it stands in.
+    fn open_probe(&self, name: &str) -> Result<Probe, Error> {
+        open_probe(name, false, None).map_err(|error| match &self.scene {
+            Some(file) if file.environment().as_deref() == Some(name) => {
+                let line = file.description.probe.as_ref().map_or(1, |probe| probe.name.line);
+                file.description.at_line(line, error)
+            }
+            _ => error,
+        })
+    }
+
+    fn package(&self, store: &Store, console: &Console) -> Outcome<Package> {
+        let volume = store.volume()?;
+        Completeness::of(store, &volume)?.check(store, self.partial)?;
+        let held = store.holdings()?;
+        let isovalue = match held.isovalues.first() {
+            Some(&first) if !held.all && self.isovalue == Isovalue::Auto => first,
+            _ => self.isovalue.resolve(&volume, Some(volume.solid), None)?.value,
+        };
+        let identity = store.identity();
+        let surroundings = identity.scene.as_ref();
+        let probes = self.probes(surroundings)?;
+        let one_file = self.html.is_some();
+        let options = Options {
+            texture_side: self.texture_side.map_or(if one_file { 96 } else { 256 }, |n| n as usize),
+            volume_side: self.volume_side.map_or(if one_file { 160 } else { 512 }, |n| n as usize),
+            coding: if one_file { Coding::Byte } else { Coding::Half },
+        };
+        let layout = store.layout();
+        let triple = |[x, y, z]: [usize; 3]| format!("{x} × {y} × {z}");
+        let rays = if held.rays[0] == held.rays[1] {
+            held.rays[0].to_string()
+        } else {
+            format!("{} to {}", held.rays[0], held.rays[1])
+        };
+        let mut about = vec![
+            ("volume", format!("{}, {} samples", volume.name, triple(volume.dims()))),
+            ("solid", format!("{} the isovalue", identity.solid)),
+            ("texture", format!("{} texels", triple(layout.lattice.texels()))),
+            ("layers", format!("{} with {:?} bands", layout.layers.len(), layout.layers.bands())),
+            ("estimator", format!("{}, {rays} rays a texel, seed {}", identity.estimator, identity.seed)),
+            ("isovalues", info::isovalues_text(&held)),
+            ("store", identity.hash()[..16].to_string()),
+            ("program", concat!("isolume ", env!("CARGO_PKG_VERSION")).into()),
+        ];
+        about.splice(1..1, surroundings.iter().flat_map(|scene| about_surroundings(scene)));
+        let groups = Groups::open(store, &[])?;
+        let rotation = self.scene.as_ref().and_then(|file| file.description.probe.as_ref()?.rotation);
+        let subject = Subject {
+            volume: &volume,
+            textures: &groups.textures()?,
+            surrounded: surroundings.map(|identity| Surrounded { identity, rotation: rotation.unwrap_or(0.0) }),
+            isovalues: (!held.all).then(|| held.isovalues.clone()),
+            about: about.into_iter().map(|(name, text)| (name.to_string(), text)).collect(),
+            probes: &probes,
+            isovalue,
+        };
+        let package = pack(&subject, &options)?;
+        let reduced = |from: [usize; 3], to: [usize; 3]| {
+            if from == to { triple(to) } else { format!("{} (of {})", triple(to), triple(from)) }
+        };
+        let coding = match options.coding {
+            Coding::Half => "16-bit floats",
+            Coding::Byte => "8 bits with a scale to each coefficient",
+        };
+        let beside = surroundings.map_or(String::new(), |scene| {
+            let numbers = 3 * layout.layers.len() * (1 + scene.luminaires.len());
+            format!(" and {numbers} 16-bit floats of emission and luminaires")
+        });
+        console.note(format!(
+            "{}: samples {}, texels {}; {} texels with a level set × {} coefficients in {coding}{beside}, {}",
+            self.input,
+            reduced(volume.dims(), package.samples),
+            reduced(layout.lattice.texels(), package.texels),
+            text::count(package.valid_texels),
+            layout.layers.coefficients(),
+            text::bytes(package.payload.len() as f64),
+        ));
+        Ok(package)
+    }
+
+    fn serve(&self, package: Package, console: &Console) -> Outcome {
+        let server = Server::new(self.port, package)?;
+        let address = server.address()?;
+        console.print(format!("{address}  (Ctrl-C ends it)"));
+        console.print_json(&json!({ "address": address }));
+        console.finish()?;
+        if self.open {
+            open_browser(&address, console);
+        }
+        server.run();
+        Ok(())
+    }
+}
+
+/// What stands around the volume, for the page.
+fn about_surroundings(scene: &SceneIdentity) -> Vec<(&'static str, String)> {
+    let mut about = Vec::new();
+    if scene.coupling.is_none() || !scene.luminaires.is_empty() {
+        about.push(("walls", "in the light of the surface, not drawn".into()));
+    }
+    if !scene.luminaires.is_empty() {
+        about.push(("luminaires", scene.luminaires.join(", ")));
+    }
+    if let Some(coupling) = &scene.coupling {
+        let names: Vec<&str> = coupling.partners.iter().map(|p| p.name.as_str()).collect();
+        let others = format!("{}, in the light of the surface, not drawn: --volume NAME shows one", names.join(", "));
+        about.push(("other volumes", others));
+    }
+    about
+}
+
+fn write_page(path: &std::path::Path, package: &Package, console: &Console) -> Outcome {
+    let document = page_in_one_file(package)?;
+    let size = document.len();
+    console.note(format!("{}: will be {}", path.display(), text::bytes(size as f64)));
+    atomic::write(path, |w| w.write_all(document.as_bytes()).map_err(|e| Error::io(path, "write", e)))?;
+    console.summary(format!("{}  {}", path.display(), text::bytes(size as f64)));
+    console.print_json(&json!({
+        "path": path.display().to_string(), "bytes": size, "texels": package.texels, "samples": package.samples,
+        "valid_texels": package.valid_texels,
+    }));
+    Ok(())
+}
+
+/// Asks the system for its browser; where there is none, the address on the terminal has to do.
+fn open_browser(address: &str, console: &Console) {
+    let program = if cfg!(target_os = "macos") {
+        "open"
+    } else if cfg!(windows) {
+        "explorer"
+    } else {
+        "xdg-open"
+    };
+    if let Err(error) = std::process::Command::new(program).arg(address).spawn() {
+        console.note(format!("{program} did not start ({error}): open the address by hand"));
+    }
+}
