@@ -105,7 +105,7 @@ fn job_for<'a>(
     quality: Option<&ErrorTarget>,
 ) -> Option<Request<'a>> {
     let first = claims.first()?;
-    let is_escape = first.target.as_ref().is_some_and(|t| goal::is_without_light(t));
+    let is_escape = first.target.as_ref().is_some_and(goal::is_without_light);
     let is_same = first.target.as_ref().zip(quality).is_some_and(|(t, q)| t.of == q.of);
     if first.target.is_some() && !is_escape && !is_same {
         return None;

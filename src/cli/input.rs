@@ -68,22 +68,19 @@ pub(super) enum FrameOf {
 impl VolumeArgs {
     /// The same for the library; all shadows count.
     pub(super) fn options(&self) -> VolumeOptions {
-        let mut options = VolumeOptions::default();
-        options.solid = self.solid.map(Solid::from);
-        options.up = self.up;
-        options.front = self.frame_of.map(|frame| match frame {
+        let front = self.frame_of.map(|frame| match frame {
             FrameOf::Grid => Front::Grid,
             FrameOf::Anatomical => Front::Anatomical,
         });
-        options.choice = Choice {
+        let choice = Choice {
             channel: self.channel.clone(),
             timepoint: self.timepoint,
             spacing: self.spacing,
             allow_outside: self.allow_outside,
             any_channel: false,
         };
-        options.keep_largest = self.keep_largest;
-        options
+        let solid = self.solid.map(Solid::from);
+        VolumeOptions { solid, up: self.up, front, choice, keep_largest: self.keep_largest, ..VolumeOptions::default() }
     }
 
     /// The same with what the options of a bake say of shadows.
