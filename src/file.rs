@@ -163,6 +163,16 @@ fn is_pipe(_: std::fs::FileType) -> bool {
     false
 }
 
+/// Bytes of all files under a path.
+pub fn size_on_disk(path: &Path) -> u64 {
+    let Ok(metadata) = path.symlink_metadata() else { return 0 };
+    if !metadata.is_dir() {
+        return metadata.len();
+    }
+    let entries = std::fs::read_dir(path).map(|e| e.flatten().collect::<Vec<_>>()).unwrap_or_default();
+    entries.iter().map(|e| size_on_disk(&e.path())).sum()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,13 +1,15 @@
 //! `isolume bake`: fills a transfer store.
 
-use super::baking::{self, Told, fill, parse_share, parse_time, size_on_disk};
+use super::bake_report::Told;
+use super::baking::{self, fill};
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::{Isovalue, tell};
 use super::light::open_probe;
-use super::options::{BakeArgs, Texture};
+use super::options::{BakeArgs, Texture, parse_share, parse_time};
 use super::{Failure, Outcome, forecast, output, replay, text};
 use crate::bake::{ForLight, Goal, Share, Writing, layout_of_scene};
+use crate::file::size_on_disk;
 use crate::level::Pyramid;
 use crate::probe::{EnvFrame, Orientation};
 use crate::relight::Material;

@@ -1,6 +1,7 @@
 //! `isolume demo`: the whole way from a volume to lit surfaces, without any file.
 
-use super::baking::{Told, fill, size_on_disk};
+use super::bake_report::Told;
+use super::baking::fill;
 use super::console::Console;
 use super::isovalue::Isovalue;
 use super::light::open_probe;
@@ -10,6 +11,7 @@ use crate::error::Error;
 use crate::export::png::PngOptions;
 use crate::export::sheet::{SheetStyle, Tile, contact_sheet};
 use crate::export::{Image, atomic, png};
+use crate::file::size_on_disk;
 use crate::relight::Material;
 use crate::render::View;
 use crate::scene::Effects;

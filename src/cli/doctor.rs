@@ -3,7 +3,7 @@
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::Isovalue;
-use super::{Failure, Outcome, baking, info, input, text};
+use super::{Failure, Outcome, info, input, text};
 use crate::error::{Error, Result};
 use crate::finding::Finding;
 use crate::probe::{self, Layout, ReadOptions};
@@ -160,7 +160,7 @@ fn store_at(argument: &str) -> Result<Diagnosis> {
     let found = store::diagnose(&store, &|volume, held| complete::selection(lattice, volume, held))?;
     let identity = store.identity();
     let [x, y, z] = identity.texels;
-    let bytes = baking::size_on_disk(Path::new(argument));
+    let bytes = crate::file::size_on_disk(Path::new(argument));
     let summary = format!(
         "a store of {x} × {y} × {z} texels, {} layers with {:?} bands, isovalues {}, {} of {} chunks sound, {}, {}",
         identity.bands.len(),

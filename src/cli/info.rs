@@ -3,7 +3,7 @@
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::{Chosen, Isovalue};
-use super::{Outcome, baking, input, text};
+use super::{Outcome, input, text};
 use crate::error::{Error, Result};
 use crate::file;
 use crate::transfer::store::Completeness;
@@ -271,7 +271,7 @@ fn store(argument: &str, console: &Console) -> Outcome {
     let identity = store.identity();
     let volume = store.volume()?;
     let m = identity.texels;
-    let bytes = baking::size_on_disk(Path::new(argument));
+    let bytes = file::size_on_disk(Path::new(argument));
     let mut rows = volume_rows(&volume);
     rows.push(row("texture", format!("{} × {} × {} texels", m[0], m[1], m[2])));
     rows.push(row("layers", format!("{} with {:?} bands", identity.bands.len(), identity.bands)));

@@ -3,7 +3,7 @@
 use super::Outcome;
 use super::console::Console;
 use super::input::file_name;
-use super::{baking, text};
+use super::text;
 use crate::error::Error;
 use crate::transfer::store::{Store, StoreOptions};
 use serde_json::json;
@@ -42,7 +42,7 @@ impl Merge {
             rows.push(vec![name.clone(), report.taken.to_string(), report.kept.to_string()]);
             json_rows.push(json!({ "store": file_name(&name), "taken": report.taken, "kept": report.kept }));
         }
-        let bytes = baking::size_on_disk(&self.output);
+        let bytes = crate::file::size_on_disk(&self.output);
         console.summary(text::file_line(&self.output, &text::bytes(bytes as f64)));
         console.detail(text::table(&rows));
         console.print_json(&json!({ "stores": json_rows, "store_bytes": bytes }));

@@ -5,8 +5,9 @@
 //! line was wrong; 1: anything else, with one line `error: …`; 128 + n: stopped by signal n, in a state that the same
 //! command goes on from. Under `--json` a failure is a document on standard output too: `{"error": {"kind": …}}`.
 
-mod baking;
 mod bake;
+mod bake_report;
+mod baking;
 mod cache;
 mod compare;
 mod completions;
@@ -30,6 +31,7 @@ mod options;
 mod output;
 mod picture;
 mod plan;
+mod plan_table;
 mod relight;
 mod replay;
 mod scene;

@@ -1,15 +1,16 @@
 //! What a bake computes, as options: shared by `plan`, `bake` and the lazy bake of `relight`.
 
-use super::baking::EstimatorArg;
 use super::isovalue::{Chosen, Isovalue};
 use super::memory::{self, Bound};
 use super::text;
+use crate::bake::{Estimator, Share};
 use crate::error::{Error, Result};
 use crate::scene::{EffectSwitch, Effects, Member, SceneFile};
 use crate::sh::MAX_BANDS;
 use crate::transfer::{Lattice, Layers, Layout, MAX_LAYERS};
 use crate::transport::{REPLICATES, Settings};
 use crate::volume::{Shadowing, Volume};
+use std::time::Duration;
 
 /// Quality of a transfer texture.
 #[derive(clap::Args, Clone, Debug)]
@@ -215,4 +216,73 @@ pub(super) fn check_memory(what: &str, needed: u64, limit: Option<u64>) -> Resul
 /// The memory that a command may use where the user does not say: 80 % of the least that machine and system allow.
 pub(super) fn default_memory_limit() -> u64 {
     memory::bound().bytes
+}
+
+/// What estimates the transfer, as an option.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum EstimatorArg {
+    /// Path tracing within each level set: unbiased
+    #[default]
+    Path,
+    /// The texture as radiance cache: less noise in less time where light bounces often, with a bias that is printed
+    Gather,
+    /// Flattened photon mapping, for study: light spread over the nearest photons, with a bias that no error bar holds
+    Photon,
+}
+
+impl From<EstimatorArg> for Estimator {
+    fn from(argument: EstimatorArg) -> Self {
+        match argument {
+            EstimatorArg::Path => Self::Path,
+            EstimatorArg::Gather => Self::Gather,
+            EstimatorArg::Photon => Self::Photon,
+        }
+    }
+}
+
+/// Reads a share such as 1/3.
+pub(super) fn parse_share(text: &str) -> std::result::Result<Share, String> {
+    let numbers = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+    match numbers {
+        Some((index, of)) if 1 <= index && index <= of && of <= 4096 => Ok(Share { index, of }),
+        _ => Err("give i/n with i from 1 to n, such as 1/3, and n at most 4096".into()),
+    }
+}
+
+/// Reads a time such as 90s, 2m, 1h30m or a number of seconds.
+pub(super) fn parse_time(text: &str) -> std::result::Result<Duration, String> {
+    let refuse = || "give a time such as 90s, 2m or 1h30m".to_string();
+    let mut seconds = 0.0;
+    let mut rest = text.trim();
+    while !rest.is_empty() {
+        let digits = rest.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(rest.len());
+        let number: f64 = rest[..digits].parse().map_err(|_| refuse())?;
+        let unit: String = rest[digits..].chars().take_while(|c| c.is_ascii_alphabetic()).collect();
+        seconds += number
+            * match unit.as_str() {
+                "" | "s" => 1.0,
+                "m" | "min" => 60.0,
+                "h" => 3600.0,
+                _ => return Err(refuse()),
+            };
+        rest = &rest[digits + unit.len()..];
+    }
+    if seconds > 0.0 && seconds < 1e8 { Ok(Duration::from_secs_f64(seconds)) } else { Err(refuse()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_as_people_write_them() {
+        let seconds = |t: &str| parse_time(t).map(|d| d.as_secs_f64());
+        assert_eq!(seconds("90s"), Ok(90.0));
+        assert_eq!(seconds("2m"), Ok(120.0));
+        assert_eq!(seconds("1h30m"), Ok(5400.0));
+        assert_eq!(seconds("1.5"), Ok(1.5));
+        for bad in ["", "0", "-3", "3 days", "1e400", "m", "5x", "ä"] {
+            assert!(parse_time(bad).is_err(), "{bad}");
+        }
+    }
 }

@@ -1,17 +1,17 @@
 //! `isolume plan`: what a bake would simulate, and why.
 
-use super::baking::{self, parse_time};
+use super::baking;
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::isovalue::{Isovalue, tell};
 use super::light::open_probe;
-use super::options::BakeArgs;
-use super::{Outcome, forecast, text};
+use super::options::{BakeArgs, parse_time};
+use super::{Outcome, forecast, plan_table, text};
 use crate::bake::{Request, layout_of_scene};
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::scene::geometry::Geometry;
-use crate::scene::{self, Scene, SceneFile};
+use crate::scene::{Scene, SceneFile};
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -86,7 +86,7 @@ impl Plan {
         if let Some(among) = geometry.and_then(Geometry::among) {
             console.print(format!("{}{}:", if member > 0 { "\n" } else { "" }, among.name));
         }
-        console.print(table(&plan));
+        console.print(plan_table::table(&plan));
         console.print(format!(
             "\n{} texels with a level set, {}rays, at most {} in the store",
             text::count(plan.valid_texels as u64),
@@ -159,25 +159,4 @@ impl Plan {
         Ok(json!({ "isovalue": isovalue, "environment": probe.name, "rows": rows,
             "chosen": chosen.map(|(w, f)| forecast::to_json(w, &f, threads)) }))
     }
-}
-
-/// The plan as a table.
-pub(super) fn table(plan: &scene::Plan) -> String {
-    let header = ["effect", "", "cost", "setting, reason, and error of what is dropped"].map(String::from).to_vec();
-    let mut rows = vec![header];
-    for effect in &plan.effects {
-        let kind = if effect.estimated { "estimate" } else { "bound" };
-        rows.push(vec![
-            effect.name.into(),
-            if effect.on { "on" } else { "off" }.into(),
-            if effect.cost_share > 0.0 { format!("{:.0} %", 100.0 * effect.cost_share) } else { "-".into() },
-            match effect.error {
-                Some(error) => {
-                    format!("{}: {}; error {} ({kind})", effect.setting, effect.reason, text::percent(error))
-                }
-                None => format!("{}: {}", effect.setting, effect.reason),
-            },
-        ]);
-    }
-    text::table(&rows)
 }

@@ -1,10 +1,10 @@
 //! What the cache holds, and what goes when it is too much.
 
 use super::{Cache, DEFAULT_LIMIT};
-use crate::cli::baking::size_on_disk;
 use crate::cli::console::Console;
 use crate::cli::text;
 use crate::error::{Error, Result};
+use crate::file::size_on_disk;
 use crate::transfer::store::{FORMAT_VERSION, Store};
 use std::fs::{self, OpenOptions};
 use std::path::{Path, PathBuf};

@@ -114,7 +114,7 @@ impl Cache {
     pub(super) fn tell(&self, report: &Report, name: Option<&str>, path: &Path, console: &Console) {
         let what = if report.chunks_baked == 0 { "found in" } else { "baked into" };
         let of_name = name.map_or(String::new(), |name| format!("{name} "));
-        let size = text::bytes(baking::size_on_disk(path) as f64);
+        let size = text::bytes(crate::file::size_on_disk(path) as f64);
         let all = text::bytes(self.entries().iter().map(|entry| entry.bytes).sum::<u64>() as f64);
         console.note(format!("{of_name}{what} {} ({size}; the cache holds {all}: isolume cache)", path.display()));
     }

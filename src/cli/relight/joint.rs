@@ -2,7 +2,8 @@
 
 use super::Relight;
 use crate::bake::{Goal, Request, Writing, layout_of_scene};
-use crate::cli::baking::{self, Told};
+use crate::cli::bake_report::Told;
+use crate::cli::baking;
 use crate::cli::cache::{Cache, InUse};
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, Isovalue, NamedIsovalue};
@@ -89,7 +90,7 @@ pub(super) fn bake(command: &Relight, scene: Scene, seed: u64, start: Instant, c
         rays += filled.report.summary.counts.rays;
         cache.tell(&filled.report, Some(&volume.name), path, console);
         if filled.report.chunks_baked > 0 {
-            console.detail(filled.report.lines(baking::size_on_disk(path)));
+            console.detail(filled.report.lines(crate::file::size_on_disk(path)));
         }
         in_use = Some(filled.in_use);
         if member == 0 {

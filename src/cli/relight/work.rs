@@ -3,7 +3,8 @@
 use super::file::Context;
 use super::{Draft, LitSurface, Relight, Relit};
 use crate::bake::{Goal, Request, Writing, layout_of_scene};
-use crate::cli::baking::{self, Told};
+use crate::cli::bake_report::Told;
+use crate::cli::baking;
 use crate::cli::cache::{Cache, Filled, InUse};
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, tell};
@@ -226,7 +227,7 @@ impl<'a> Work<'a> {
             cache.tell(&report, None, &path, self.console);
         }
         if report.chunks_baked > 0 && !is_draft {
-            self.console.detail(report.lines(baking::size_on_disk(&path)));
+            self.console.detail(report.lines(crate::file::size_on_disk(&path)));
         }
         Ok((Source { store, transport_rays: report.summary.counts.rays }, in_use))
     }
