@@ -129,6 +129,7 @@ pub mod file;
 mod staging;
 #[doc(hidden)]
 pub mod grid3;
+#[doc(hidden)]
 pub mod geom;
 #[doc(hidden)]
 pub mod sampling;
@@ -165,6 +166,7 @@ pub mod cli;
 
 pub use bake::{Bake, Observer, Silent};
 pub use error::{Error, Result};
+pub use geom::{Bounds, Up};
 /// The crate whose vectors and matrices are in the public interface, in the version that is.
 pub use glam;
 pub use probe::Probe;

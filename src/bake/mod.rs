@@ -17,10 +17,14 @@ mod run;
 mod scene;
 
 pub use builder::Bake;
-pub use goal::{ESCAPE, ForLight, Goal, spread};
+#[doc(hidden)]
+pub use goal::{ESCAPE, spread};
+pub use goal::{ForLight, Goal};
+#[doc(hidden)]
 pub use memory::{bytes_of_bake, bytes_of_texel};
 pub use observer::{Observer, Silent, Task};
 pub use report::{GoalRecord, PhotonReport, Report};
 pub use request::{Estimator, Hints, Request, Share, Writing};
 pub use run::run;
+#[doc(hidden)]
 pub use scene::layout_of_scene;

@@ -16,26 +16,44 @@
 //! one way from and to world axes. Coefficients come in the probe frame from
 //! [`Probe::coefficients`] and in world axes from [`Probe::coefficients_in_world`].
 
+#[doc(hidden)]
 pub mod diagnose;
+#[doc(hidden)]
 pub mod embedded;
+#[doc(hidden)]
 pub mod latlong;
+#[doc(hidden)]
 pub mod orientation;
+#[doc(hidden)]
 pub mod project;
+#[doc(hidden)]
 pub mod read;
+#[doc(hidden)]
 pub mod report;
+#[doc(hidden)]
 pub mod sky;
+#[doc(hidden)]
 pub mod source;
+#[doc(hidden)]
 pub mod sun;
 
+#[doc(hidden)]
 pub use diagnose::diagnose;
-pub use embedded::{EMBEDDED, embedded};
+pub use embedded::EMBEDDED;
+#[doc(hidden)]
+pub use embedded::embedded;
 pub use latlong::LatLong;
 pub use orientation::{EnvFrame, Orientation};
+#[doc(hidden)]
 pub use project::{into_world, project};
 pub use read::{BadPixels, Layout, Note, ReadOptions};
+#[doc(hidden)]
 pub use report::{Report, report};
+#[doc(hidden)]
 pub use source::EnvironmentSource;
-pub use sun::{NoSun, Split, SplitSun, Sun, SunOptions, split_sun};
+pub use sun::NoSun;
+#[doc(hidden)]
+pub use sun::{Split, SplitSun, Sun, SunOptions, split_sun};
 
 use crate::error::{Error, Result};
 use crate::file;

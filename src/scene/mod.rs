@@ -11,17 +11,26 @@ mod member;
 mod names;
 mod open;
 mod plan;
+#[doc(hidden)]
 pub mod srgb;
 
+#[doc(hidden)]
 pub use colormap::Colormap;
 pub use coupling::{Coupled, Coupling, IsovalueMap};
+#[doc(hidden)]
 pub use description::{
     Albedo, BakeDescription, CameraDescription, Located, MOST_ISOVALUES, ProbeDescription, ReadFile, SceneDescription,
     Surroundings, TextureSize, VolumeDescription, WallDescription, WallShape,
 };
 pub use effects::{EFFECTS, EffectSwitch, Effects};
+#[doc(hidden)]
 pub use material::{EmissionRule, MaterialRule, Table};
-pub use member::{Front, Member, VolumeOptions, check_count, missing_store};
+pub use member::{Front, Member, VolumeOptions};
+#[doc(hidden)]
+pub use member::{check_count, missing_store};
+#[doc(hidden)]
 pub use names::nearest;
 pub use open::{DARK, Scene, SceneFile};
-pub use plan::{Effect, Pilot, Plan, PlanInput, Surrounded, plan};
+pub use plan::{Effect, Plan};
+#[doc(hidden)]
+pub use plan::{Pilot, PlanInput, Surrounded, plan};

@@ -58,10 +58,13 @@ pub use isosurface::Isosurface;
 pub use light::{LightNote, LightOptions, Lighting};
 pub use lit::{Lit, LitOptions, LitTexels};
 pub use member::Member;
+#[doc(hidden)]
 pub use number::number;
 pub use picture::{Background, Framing, PictureOptions, Still};
 pub use surface::{Part, Surface};
-pub use textures::{Groups, LuminaireFactor, radiance_of_bricks};
+pub use textures::LuminaireFactor;
+#[doc(hidden)]
+pub use textures::{Groups, radiance_of_bricks};
 pub use tone::Tone;
 pub use write::MeshOptions;
 

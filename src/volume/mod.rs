@@ -13,15 +13,19 @@
 //! * Samples are finite: readers replace NaN and infinities and say so in a [`Note`].
 
 mod assemble;
+#[doc(hidden)]
 pub mod choice;
 mod components;
 mod decode;
+#[doc(hidden)]
 pub mod diagnose;
 pub mod field;
 mod foreign;
 mod format;
 pub mod isovalue;
+#[doc(hidden)]
 pub mod open;
+#[doc(hidden)]
 pub mod read;
 mod slices;
 mod source;
