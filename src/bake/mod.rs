@@ -43,4 +43,4 @@ pub use observer::{Observer, Silent, Task};
 pub use report::{GoalRecord, PhotonReport, Report};
 pub use request::{Estimator, Hints, Request, Share, Writing};
 pub use run::run;
-pub use scene::layout_of_scene;
+pub use scene::{bytes_of_scene_texel, layout_of_scene, surroundings};

@@ -81,6 +81,17 @@ impl<'a> Groups<'a> {
     }
 }
 
+/// Refuses factors on luminaires that are not there.
+pub(super) fn check_factors(names: &[String], factors: &[Factor]) -> Result<()> {
+    let Some(unknown) = factors.iter().find(|f| !names.contains(&f.name)) else { return Ok(()) };
+    let remedy = match text::nearest(&unknown.name, names.iter().map(String::as_str)) {
+        Some(near) => format!("did you mean {near}?"),
+        None => "see the [[luminaires]] of the scene".into(),
+    };
+    let expected = if names.is_empty() { "a scene with luminaires".into() } else { names.join(", ") };
+    Err(Error::argument("--luminaire", &unknown.name, expected, remedy))
+}
+
 /// The radiance of the texels of some bricks under an environment, and under the luminaires of a scene.
 pub(super) fn contracted(
     store: &Store,
@@ -91,14 +102,7 @@ pub(super) fn contracted(
 ) -> Outcome<Contracted> {
     let light = &lighting.light;
     let names: &[String] = store.identity().scene.as_ref().map_or(&[], |scene| &scene.luminaires);
-    if let Some(unknown) = factors.iter().find(|f| !names.contains(&f.name)) {
-        let remedy = match text::nearest(&unknown.name, names.iter().map(String::as_str)) {
-            Some(near) => format!("did you mean {near}?"),
-            None => "see the [[luminaires]] of the scene".into(),
-        };
-        let expected = if names.is_empty() { "a scene with luminaires".into() } else { names.join(", ") };
-        return Err(Error::argument("--luminaire", &unknown.name, expected, remedy).into());
-    }
+    check_factors(names, factors)?;
     if store.identity().scene.is_some() && !lighting.suns.is_empty() {
         let expected = "an environment whose lamps stay in it";
         let remedy = "leave it out: rays of a sun that is lit apart do not know the walls of a scene";

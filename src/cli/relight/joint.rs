@@ -25,19 +25,19 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 /// A volume of a store of several.
-pub(super) struct Member {
-    pub(super) store: Store,
-    pub(super) volume: Volume,
-    pyramid: Pyramid,
+pub(in crate::cli) struct Member {
+    pub(in crate::cli) store: Store,
+    pub(in crate::cli) volume: Volume,
+    pub(in crate::cli) pyramid: Pyramid,
     coupling: CouplingIdentity,
 }
 
 /// All volumes of a store; the first one's isovalues need no name.
-pub(super) struct Members(Vec<Member>);
+pub(in crate::cli) struct Members(Vec<Member>);
 
 impl Members {
     /// The volumes of a store; `None` where one stands alone.
-    pub(super) fn of(store: &Store) -> Outcome<Option<Self>> {
+    pub(in crate::cli) fn of(store: &Store) -> Outcome<Option<Self>> {
         let coupling = |store: &Store| store.identity().scene.as_ref().and_then(|scene| scene.coupling.clone());
         let Some(first) = coupling(store) else { return Ok(None) };
         let held = store.volumes()?;
@@ -61,6 +61,11 @@ impl Members {
         self.0.split_first()
     }
 
+    /// All of them, in their order.
+    pub(in crate::cli) fn all(self) -> Vec<Member> {
+        self.0
+    }
+
     /// The one of a name.
     pub(super) fn take(self, name: &str) -> Outcome<Store> {
         let first = self.0.into_iter().next();
@@ -71,7 +76,7 @@ impl Members {
     }
 
     /// The isovalue of each volume.
-    pub(super) fn resolve(&self, named: &NamedIsovalue) -> Result<(Chosen, Vec<f64>)> {
+    pub(in crate::cli) fn resolve(&self, named: &NamedIsovalue) -> Result<(Chosen, Vec<f64>)> {
         let from = match &named.volume {
             None => 0,
             Some(name) => self.0.iter().position(|m| m.coupling.name == *name).ok_or_else(|| self.unknown(name))?,

@@ -7,7 +7,7 @@ mod report;
 mod work;
 
 pub(super) use file::Written;
-pub(super) use joint::Companion;
+pub(super) use joint::{Companion, Members};
 
 use super::console::Console;
 use super::input::VolumeArgs;
@@ -25,7 +25,6 @@ use crate::scene::{EmissionRule, MaterialRule, Scene, SceneFile};
 use crate::transfer::store::{FRONT_NOT_RECORDED, Store};
 use crate::volume::Volume;
 use crate::volume::isovalue::Level;
-use joint::Members;
 use report::report;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

@@ -312,11 +312,12 @@ impl Geometry {
         self.emitters[l].strength
     }
 
-    /// Whether the body of a luminaire other than `l` stands between.
-    pub fn is_shaded_by_luminaires(&self, l: usize, origin: DVec3, direction: DVec3, limit: f64) -> bool {
+    /// Whether the body of a luminaire stands between, other than that of `l`, from which the light comes.
+    pub fn is_shaded_by_luminaires(&self, l: Option<usize>, origin: DVec3, direction: DVec3, limit: f64) -> bool {
         let limit = limit * (1.0 - TOUCHING);
         self.emitters.iter().enumerate().any(|(other, emitter)| {
-            other != l && emitter.meet(origin, direction).is_some_and(|(t, _)| t < limit && t > self.nearest_allowed)
+            Some(other) != l
+                && emitter.meet(origin, direction).is_some_and(|(t, _)| t < limit && t > self.nearest_allowed)
         })
     }
 
