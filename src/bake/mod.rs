@@ -27,4 +27,4 @@ pub use report::{GoalRecord, PhotonReport, Report};
 pub use request::{Estimator, Hints, Request, Share, Writing};
 pub use run::run;
 #[doc(hidden)]
-pub use scene::layout_of_scene;
+pub use scene::{bytes_of_scene_texel, layout_of_scene, surroundings};

@@ -1,7 +1,8 @@
 //! A bake as asked for: what decides the store's numbers, what it takes, and the plan of its effects.
 
-use super::memory::{bytes_of_bake, bytes_of_texel};
+use super::memory::bytes_of_bake;
 use super::pending::{Pending, texels_in};
+use super::scene::bytes_of_scene_texel;
 use super::{Goal, goal, scene};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
@@ -9,7 +10,7 @@ use crate::scene as scenes;
 use crate::scene::Effects;
 use crate::scene::geometry::Geometry;
 use crate::transfer::store::{EstimatorIdentity, Identity, Shadows, Store, Surroundings};
-use crate::transfer::{Lattice, Layout, Selection, texels_of_isosurfaces};
+use crate::transfer::{Layout, Selection, texels_of_isosurfaces};
 use crate::transport::{Bake, GatherSettings, PhotonBake, Settings, pilot};
 use crate::volume::{Shadowing, Volume};
 use serde_json::{Value, json};
@@ -217,12 +218,7 @@ impl Request<'_> {
 
     /// The texels that the isovalues asked for need.
     pub fn selection(&self) -> Selection {
-        self.selection_on(self.layout.lattice)
-    }
-
-    /// The texels that a texture of another lattice would need.
-    pub fn selection_on(&self, lattice: Lattice) -> Selection {
-        texels_of_isosurfaces(self.volume, lattice, self.isovalues.as_deref())
+        texels_of_isosurfaces(self.volume, self.layout.lattice, self.isovalues.as_deref())
     }
 
     /// Texels that a bake into the store at `path` would have to trace; all that are needed if there is none.
@@ -318,7 +314,6 @@ impl Request<'_> {
             }
             None => (self.pilot_of_volume(pyramid, selection)?, None),
         };
-        let groups = self.geometry.map_or(0, |geometry| scene::bytes_of_groups(&layout.layers, geometry));
         Ok(scenes::plan(&scenes::PlanInput {
             texels: layout.lattice.texels().iter().map(|&m| m as u64).product(),
             selected: selection.len(),
@@ -331,7 +326,7 @@ impl Request<'_> {
             effects: self.effects,
             sun_split: hints.sun_split,
             tolerance: TOLERANCE,
-            bytes_per_texel: bytes_of_texel(&layout.layers) + groups,
+            bytes_per_texel: bytes_of_scene_texel(&layout.layers, self.geometry),
             pilot: &pilot,
             surroundings: surroundings.as_ref(),
         }))

@@ -1,15 +1,16 @@
 //! What a scene adds to a request: its identity, what its estimator cannot do, and its plan.
 
 use super::request::{PILOT_RAYS, PILOT_TEXELS};
-use super::{Estimator, Request};
+use super::{Estimator, Request, bytes_of_texel};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
-use crate::scene;
-use crate::scene::geometry::{Geometry, Partner};
-use crate::transfer::store::{CouplingIdentity, PartnerIdentity, SceneIdentity};
+use crate::scene::geometry::{Among, Geometry, Partner};
+use crate::scene::{self, IsovalueMap, Scene};
+use crate::transfer::store::{CouplingIdentity, PartnerIdentity, SceneIdentity, Store};
 use crate::transfer::{Layers, Layout, Selection};
 use crate::transport::{Bake, Settings, needs_photons, pilot};
 use crate::volume::Solid;
+use std::sync::Arc;
 
 /// The layout of a bake: in three channels where something stands around the volume.
 pub fn layout_of_scene(plain: Layout, geometry: Option<&Geometry>) -> Layout {
@@ -116,6 +117,69 @@ fn partner_identity(partner: &Partner) -> PartnerIdentity {
         tint: partner.tint,
         isovalues: partner.isovalue.knots().to_vec(),
     }
+}
+
+/// What stood around the volume of a store when it was baked; `None` for a volume alone.
+///
+/// A store holds what walls and luminaires do to light, not their shapes: these come from `scene`, the one that was
+/// baked. Volumes beside each other are all in the store, and where nothing else stands there no scene is needed.
+///
+/// # Errors
+/// When the store is of walls or luminaires and no scene is given; when the scene has others than the store was baked
+/// with, or nothing; when the store lacks a volume of the scene, or is damaged.
+pub fn surroundings(store: &Store, scene: Option<&Scene>) -> Result<Option<Geometry>> {
+    let Some(identity) = &store.identity().scene else {
+        let around = scene.and_then(|scene| scene.members().first()?.geometry.as_ref());
+        return match around {
+            None => Ok(None),
+            Some(_) => {
+                let remedy = "leave the scene out, or give the store that was baked of it";
+                Err(Error::argument("scene", "walls, luminaires or volumes", "those of the store: none", remedy))
+            }
+        };
+    };
+    let found = match (scene, &identity.coupling) {
+        (Some(scene), coupling) => {
+            let place = coupling.as_ref().map_or(0, |coupling| coupling.place);
+            scene.members().get(place).and_then(|member| member.geometry.clone())
+        }
+        (None, Some(coupling)) if identity.luminaires.is_empty() => Some(beside(store, coupling)?),
+        (None, _) => None,
+    };
+    match (found, scene) {
+        (Some(geometry), _) if geometry.fingerprint() == identity.fingerprint => Ok(Some(geometry)),
+        (_, None) => {
+            let remedy = "give the scene that it was baked of, as in --scene scene.toml";
+            let found = "a store, which holds what walls and luminaires do to light and not their shapes";
+            Err(Error::argument("scene", found, "the description of the walls and luminaires", remedy))
+        }
+        (found, Some(_)) => {
+            let digits = |hash: &str| hash.get(..16).unwrap_or(hash).to_owned();
+            let found = found.map_or("nothing around the volume".into(), |g| digits(g.fingerprint()));
+            let expected =
+                format!("the one that the store was baked of, fingerprint {}", digits(&identity.fingerprint));
+            let remedy = "give that description as it was, with the same files; or bake the new one into another store";
+            Err(Error::argument("scene", found, expected, remedy))
+        }
+    }
+}
+
+/// The volumes beside that of a store, from the same store.
+fn beside(store: &Store, coupling: &CouplingIdentity) -> Result<Geometry> {
+    let partner = |known: &PartnerIdentity| {
+        let volume = store.of_volume(&known.name)?.volume()?;
+        let pyramid = Arc::new(Pyramid::new(&volume));
+        let isovalue = IsovalueMap::from_knots(known.isovalues.clone());
+        Ok(Partner { name: known.name.clone(), volume: Arc::new(volume), pyramid, isovalue, tint: known.tint })
+    };
+    let partners = coupling.partners.iter().map(partner).collect::<Result<Vec<_>>>()?;
+    let CouplingIdentity { coupling, name, place, tint, .. } = coupling.clone();
+    Geometry::new(Vec::new(), Vec::new(), 1.0)?.with_partners(Among { name, place, coupling, tint }, partners)
+}
+
+/// Bytes of a texel in a store, with those of the groups that stand around the volume.
+pub fn bytes_of_scene_texel(layers: &Layers, geometry: Option<&Geometry>) -> u64 {
+    bytes_of_texel(layers) + geometry.map_or(0, |geometry| bytes_of_groups(layers, geometry))
 }
 
 /// Bytes that the groups besides the environment add to a texel.

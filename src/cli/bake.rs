@@ -4,19 +4,19 @@ use super::bake_report::Told;
 use super::baking::{self, fill};
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
-use super::isovalue::{Isovalue, tell};
+use super::isovalue::tell;
 use super::light::open_probe;
-use super::options::{BakeArgs, Texture, parse_share, parse_time};
+use super::options::{BakeArgs, Texture, TransferArgs, parse_share, parse_time};
 use super::{Failure, Outcome, forecast, output, replay, text};
 use crate::bake::{ForLight, Goal, Share, Writing, layout_of_scene};
 use crate::file::size_on_disk;
-use crate::level::Pyramid;
 use crate::probe::{EnvFrame, Orientation};
 use crate::relight::Material;
 use crate::scene::{Scene, SceneFile};
+use crate::study::forecast::{self as forecasts, best_within};
 use crate::study::model::ENOUGH;
+use crate::transfer::Layout;
 use crate::transfer::store::{Replacement, Store};
-use crate::transfer::{Layout, texels_of_isosurfaces};
 use crate::volume::Volume;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -96,6 +96,12 @@ impl Bake {
         }
         let mut scene = self.open()?;
         let members = scene.members().len();
+        let mut transfer = self.bake.transfer.clone();
+        if let (Some(time), None) = (self.auto, self.replay_texel)
+            && let Some((texture, rays)) = self.choose_texture(&mut scene, time, start, seed, console)?
+        {
+            (transfer.texture, transfer.rays) = (texture, Some(rays));
+        }
         let replacement = match &self.output {
             Some(path) if self.force && self.replay_texel.is_none() && path.symlink_metadata().is_ok() => {
                 check_store(path)?;
@@ -106,7 +112,7 @@ impl Bake {
         let target = replacement.as_ref().map(Replacement::path).or_else(|| self.output.clone());
         let mut reports = Vec::new();
         for member in 0..members {
-            match self.run_member(&mut scene, member, target.as_deref(), seed, start, console) {
+            match self.run_member(&mut scene, member, &transfer, target.as_deref(), seed, start, console) {
                 Ok(report) => reports.extend(report),
                 Err(failure) if replacement.is_some() => {
                     let text = format!("{failure}\nthe old store is as it was: --force replaces it by a complete one");
@@ -141,6 +147,7 @@ impl Bake {
         &self,
         scene: &mut Scene,
         member: usize,
+        transfer: &TransferArgs,
         target: Option<&Path>,
         seed: u64,
         start: Instant,
@@ -156,13 +163,6 @@ impl Bake {
             console.note(&note.text);
         }
         let geometry = opened.geometry.as_ref();
-        let mut transfer = self.bake.transfer.clone();
-        if let (Some(time), false) = (self.auto, is_empty) {
-            forecast::check("--auto", geometry.is_some(), self.bake.estimator.into())?;
-            let isovalues: Option<Vec<f64>> = chosen.as_ref().map(|list| list.iter().map(|c| c.value).collect());
-            (transfer.texture, transfer.rays) =
-                self.choose_texture(volume, isovalues.as_deref(), time, start, seed, console)?;
-        }
         let layout = layout_of_scene(transfer.layout(volume, &self.bake.bands)?, geometry);
         let settings = transfer.settings(&layout, seed, self.time.is_some());
         if let Some(texel) = self.replay_texel {
@@ -214,40 +214,44 @@ impl Bake {
         .into())
     }
 
-    /// The texture and the rays that a time allows.
+    /// The texture and the rays that a time allows, the same for all volumes of a scene; `None` where there is no
+    /// surface.
     fn choose_texture(
         &self,
-        volume: &Volume,
-        isovalues: Option<&[f64]>,
+        scene: &mut Scene,
         time: Duration,
         start: Instant,
         seed: u64,
         console: &Console,
-    ) -> Outcome<(Texture, Option<u32>)> {
-        let pyramid = Pyramid::new(volume);
-        let name = self.for_env.as_deref().unwrap_or("courtyard");
-        let probe = open_probe(name, false, None)?;
-        let orientation = Orientation::new(volume.up, self.env_rotate)?.in_frame(self.env_frame.into());
-        let layers = self.bake.transfer.layout(volume, &self.bake.bands)?.layers;
-        let isovalue = match isovalues {
-            Some([first, ..]) => *first,
-            _ => Isovalue::Auto.resolve(volume, Some(volume.solid), None)?.value,
-        };
-        let question = forecast::Question {
-            volume,
-            pyramid: &pyramid,
-            isovalue,
+    ) -> Outcome<Option<(Texture, u32)>> {
+        forecasts::check("--auto", self.bake.estimator.into())?;
+        let (file, transfer) = (self.scene.as_ref(), &self.bake.transfer);
+        let mut isovalues = Vec::new();
+        for member in scene.members_mut() {
+            if self.is_empty(&member.volume)? {
+                return Ok(None);
+            }
+            let chosen = self.bake.isovalues(member, file)?;
+            isovalues.push(chosen.map(|list| list.iter().map(|c| c.value).collect::<Vec<f64>>()));
+        }
+        let Some(first) = scene.members().first() else { return Ok(None) };
+        let (probe, turned) = forecast::environment(self.for_env.as_deref(), file)?;
+        let turned = if self.for_env.is_some() { self.env_rotate } else { turned };
+        let orientation = Orientation::new(first.volume.up, turned)?.in_frame(self.env_frame.into());
+        let layout = layout_of_scene(transfer.layout(&first.volume, &self.bake.bands)?, first.geometry.as_ref());
+        let (isovalue, all) = forecast::weigh(&forecast::Asked {
+            members: scene.members(),
+            isovalues: &isovalues,
+            layers: &layout.layers,
             probe: &probe,
             orientation,
-            albedo: [self.albedo; 3],
-            layers: &layers,
+            albedo: self.albedo,
+            caustics: transfer.effects().switched("caustics") != Some(false),
             seed,
-        };
-        let selected = |lattice| texels_of_isosurfaces(volume, lattice, isovalues);
-        let all = forecast::pilots(&question, &forecast::RATIOS, &selected)?;
+        })?;
         let threads = rayon::current_num_threads() as f64;
         let left = (RESERVED * time.as_secs_f64() - start.elapsed().as_secs_f64()).max(0.0);
-        let Some((weighed, found)) = forecast::best_within(&all, left * threads) else {
+        let Some((weighed, found)) = best_within(&all, left * threads) else {
             let message = format!(
                 "not enough time for the least that makes sense: the pilot alone took {} of {}; give more --auto, or \
                  choose --isovalues",
@@ -257,15 +261,16 @@ impl Bake {
             return Err(Failure::Message(message));
         };
         console.note(format!(
-            "--texture {} --rays {}{}: about {}, error {} of the radiance of isovalue {} under {name} (in the bands of the texture)",
+            "--texture {} --rays {}{}: about {}, error {} of the radiance of isovalue {} under {} (in the bands of the texture)",
             weighed.ratio,
             found.rays,
             if found.rays == ENOUGH { " (a reference; more only by --rays)" } else { "" },
             text::duration(Duration::from_secs_f64(found.seconds / threads)),
             text::percent(found.error),
-            text::number(isovalue, 6)
+            text::number(isovalue, 6),
+            probe.name
         ));
-        Ok((Texture::Ratio(weighed.ratio), Some(found.rays)))
+        Ok(Some((Texture::Ratio(weighed.ratio), found.rays)))
     }
 
     /// The environment that errors are measured by.

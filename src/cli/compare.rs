@@ -2,23 +2,28 @@
 
 mod photon;
 mod picture;
+mod subject;
 
 use super::console::Console;
 use super::info::check_store;
 use super::inputs::Inputs;
-use super::isovalue::Isovalue;
+use super::isovalue::NamedIsovalue;
+use super::light::parse_factor;
 use super::light::{open_probe, parse_triple};
 use super::{Outcome, text};
-use crate::compare::{Comparison, Distance, PhotonComparison, Question, compare, compare_photons};
+use crate::compare::{
+    Comparison, Distance, LitSurface, PhotonComparison, Question, compare, compare_photons, unburied,
+};
 use crate::error::Error;
-use crate::level::Pyramid;
-use crate::probe::Orientation;
-use crate::session::Isosurface;
-use crate::transfer::store::{EstimatorIdentity, Shadows, Store};
-use crate::transport::Settings;
+use crate::probe::{Orientation, Probe};
+use crate::scene::{Effects, Scene, SceneFile, VolumeOptions};
+use crate::session::{Isosurface, LuminaireFactor, check_factors, factor_of};
+use crate::transfer::BrickSource;
+use crate::transfer::store::Store;
 use picture::Shown;
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
+use subject::Subject;
 
 /// Compare relit isosurfaces with path tracing under the whole environment, and say why they differ
 ///
@@ -30,22 +35,25 @@ use std::time::{Duration, Instant};
 #[command(after_help = "Examples:
   isolume compare brain.isolume --isovalue 90 --env courtyard --env sunset
   isolume compare brain.isolume --isovalue 90 --env courtyard --png brain.png
-  isolume compare brain.isolume --isovalue 90 --env sky --against photon")]
+  isolume compare brain.isolume --isovalue 90 --env sky --against photon
+  isolume compare box.isolume --scene box.toml --isovalue 47 --luminaire ceiling=2")]
 pub(super) struct Compare {
     /// The store
     #[arg(value_name = "X.isolume")]
     input: String,
-    /// Isovalues that the store holds: numbers in the file's values, percentages of their range, or auto
+    /// Isovalues that the store holds: numbers in the file's values, percentages of their range, or auto. Of several
+    /// volumes baked together isovalues are those of the first, NAME=C is that of another, and all surfaces that belong
+    /// to it are compared
     #[arg(
         short,
         long,
         visible_alias = "isovalues",
-        value_name = "C[,C…]",
+        value_name = "[NAME=]C[,…]",
         value_delimiter = ',',
         required = true,
         allow_hyphen_values = true
     )]
-    isovalue: Vec<Isovalue>,
+    isovalue: Vec<NamedIsovalue>,
     /// Environment: an image file or a name, as relight takes it
     #[arg(short, long, value_name = "PROBE", required = true)]
     env: Vec<String>,
@@ -58,6 +66,19 @@ pub(super) struct Compare {
     /// Diffuse reflectance, one number or r,g,b
     #[arg(long, value_name = "RHO|R,G,B", default_value = "0.7", value_parser = parse_triple, allow_hyphen_values = true)]
     albedo: super::light::Triple,
+    /// Radiance that the surface emits, one number or r,g,b
+    #[arg(long, value_name = "E|R,G,B", default_value = "0", value_parser = parse_triple, allow_hyphen_values = true)]
+    emission: super::light::Triple,
+    /// The scene (.toml) that the store was baked of: stores hold what walls and luminaires do to light, not their
+    /// shapes
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<String>,
+    /// Factor on the power of a luminaire, one number or three for red, green and blue, such as ceiling=2
+    #[arg(long = "luminaire", value_name = "NAME=FACTOR", value_parser = parse_factor)]
+    luminaires: Vec<LuminaireFactor>,
+    /// Compare only this one of several volumes baked together; isovalues are then its own
+    #[arg(long = "volume", value_name = "NAME")]
+    of_volume: Option<String>,
     /// Random vertices at which light is compared
     #[arg(long, value_name = "N", default_value_t = 2000, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
     points: u32,
@@ -87,6 +108,8 @@ enum Against {
 
 /// One surface under one light.
 struct Row {
+    // Of several.
+    volume: Option<String>,
     isovalue: f64,
     env: String,
     found: Comparison,
@@ -97,65 +120,26 @@ struct Row {
 impl Compare {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
         check_store(&self.input)?;
-        self.pictures.refuse(&Inputs::new(self.env.iter().chain([&self.input])))?;
+        let file = self.scene.as_deref().map(SceneFile::read).transpose()?;
+        let read = self.env.iter().chain([&self.input]).chain(&self.scene);
+        self.pictures.refuse(&Inputs::new(read).with_scene(file.as_ref()))?;
         let store = Store::open(&self.input)?;
-        let volume = store.volume()?;
-        let identity = store.identity();
-        let pyramid = Pyramid::new(&volume);
-        let layout = store.layout();
-        let orientation = Orientation::new(volume.up, self.env_rotate)?.in_frame(self.env_frame.into());
+        let scene = file.map(|f| f.open(&VolumeOptions::default(), &Effects::default())).transpose()?;
+        let (subjects, isovalues) = self.subjects(store, scene.as_ref())?;
         let probes = self.env.iter().map(|e| open_probe(e, false, None)).collect::<Result<Vec<_>, Error>>()?;
-        let settings = Settings {
-            layers: layout.layers.clone(),
-            rays: self.texel_rays,
-            seed: identity.seed,
-            target: None,
-            positive: identity.positive,
-        };
-        let is_path = identity.estimator == EstimatorIdentity::Path { shadowing: Shadows::Found };
-        if !is_path {
+        let names: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
+        if subjects.iter().any(|subject| subject.baked_by(self.texel_rays).is_none()) {
             console.note("the texels of this estimator cannot be made again: noise, bias and rounding are one row");
         }
+        let files = match (subjects.as_slice(), isovalues.as_slice()) {
+            ([one], [isovalues]) => self.pictures.files(&one.volume.name, isovalues, &names)?,
+            _ => self.pictures.none()?,
+        };
         let mut rows = Vec::new();
-        let mut isovalues = Vec::new();
-        for chosen in &self.isovalue {
-            isovalues.push(chosen.resolve(&volume, Some(volume.solid), None)?.value);
-        }
-        let names: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
-        let files = self.pictures.files(&volume.name, &isovalues, &names)?;
-        for (i, &isovalue) in isovalues.iter().enumerate() {
-            let surface = Isosurface::extract(&volume, &pyramid, isovalue)?;
-            let points = surface.random_points(self.points, seed);
-            for (p, probe) in probes.iter().enumerate() {
-                let start = Instant::now();
-                let source = probe.source(orientation);
-                let question = Question {
-                    volume: &volume,
-                    pyramid: &pyramid,
-                    texture: &store,
-                    baked_by: is_path.then_some(&settings),
-                    isovalue,
-                    points: &points,
-                    light: &source,
-                    coefficients: &probe.coefficients_in_world(layout.layers.max_bands(), orientation),
-                    albedo: self.albedo.0,
-                    paths: self.paths,
-                    texel_rays: self.texel_rays,
-                    seed,
-                };
-                let found = compare(&question)?;
-                let asked = match self.against {
-                    Against::Path => None,
-                    Against::Photon => Some(self.photons.question(&volume, isovalue, seed)?),
-                };
-                let photons = match &asked {
-                    None => None,
-                    Some(asked) => Some(compare_photons(&question, &found, asked)?),
-                };
-                let time = start.elapsed();
-                let shown = Shown { question: &question, surface: &surface, photons: asked.as_ref(), mean: found.mean };
-                self.pictures.write(&files[i * probes.len() + p], &shown)?;
-                rows.push(Row { isovalue, env: probe.name.clone(), found, photons, time });
+        for (subject, isovalues) in subjects.iter().zip(&isovalues) {
+            for (i, &isovalue) in isovalues.iter().enumerate() {
+                let files = files.get(i * probes.len()..(i + 1) * probes.len()).unwrap_or_default();
+                rows.extend(self.compared(subject, isovalue, &probes, files, seed)?);
             }
         }
         console.print(table(&rows));
@@ -164,6 +148,9 @@ impl Compare {
              95 % interval over the vertices. RMS %: after the reference's exposure, clamped to [0, 1], as Beason (2005) measured.",
             self.points, self.paths
         ));
+        if subjects.iter().any(Subject::is_among_others) {
+            console.print("Vertices that another volume buries are left out.");
+        }
         console.print(format!("\nWhy: shares of the mean square of the difference\n{}", budget(&rows)));
         if self.against == Against::Photon {
             console.print(format!("\n{}", photon::table(&rows)));
@@ -177,6 +164,93 @@ impl Compare {
         }));
         Ok(())
     }
+
+    /// What is compared, and the isovalues of each.
+    fn subjects(&self, store: Store, scene: Option<&Scene>) -> Outcome<(Vec<Subject>, Vec<Vec<f64>>)> {
+        let names = store.identity().scene.as_ref().map_or(&[][..], |scene| &scene.luminaires);
+        check_factors(names, &self.luminaires)?;
+        let (mut subjects, mut isovalues) = subject::subjects(store, scene, self.of_volume.as_deref(), &self.isovalue)?;
+        if let Some(name) = &self.of_volume {
+            let place = subjects.iter().position(|s| s.name.as_ref() == Some(name)).unwrap_or(0);
+            (subjects, isovalues) = (vec![subjects.swap_remove(place)], vec![isovalues.swap_remove(place)]);
+        }
+        Ok((subjects, isovalues))
+    }
+
+    /// One isosurface of one volume, under each environment.
+    fn compared(
+        &self,
+        subject: &Subject,
+        isovalue: f64,
+        probes: &[Probe],
+        files: &[picture::Files],
+        seed: u64,
+    ) -> Outcome<Vec<Row>> {
+        let Subject { volume, pyramid, geometry, .. } = subject;
+        let geometry = geometry.as_ref();
+        let layout = subject.textures[0].layout();
+        let orientation = Orientation::new(volume.up, self.env_rotate)?.in_frame(self.env_frame.into());
+        let surface = Isosurface::extract(volume, pyramid, isovalue)?;
+        let points = surface.random_points(self.points, seed);
+        let points = unburied(volume, pyramid, geometry, isovalue, points);
+        let luminaires = geometry.map_or(&[][..], |geometry| geometry.luminaires());
+        let scales: Vec<[f64; 3]> = luminaires.iter().map(|l| factor_of(&l.name, &self.luminaires)).collect();
+        let textures: Vec<&dyn BrickSource> = subject.textures.iter().map(|t| t as _).collect();
+        let settings = subject.baked_by(self.texel_rays);
+        let mut rows = Vec::new();
+        for (p, probe) in probes.iter().enumerate() {
+            let start = Instant::now();
+            let lit = LitSurface {
+                volume,
+                pyramid,
+                geometry,
+                caustics: subject.has_caustics(),
+                isovalue,
+                points: &points,
+                light: &probe.source(orientation),
+                coefficients: &probe.coefficients_in_world(layout.layers.max_bands(), orientation),
+                albedo: self.albedo.0,
+                emission: self.emission.0,
+                scales: &scales,
+            };
+            let question = Question {
+                surface: lit,
+                textures: &textures,
+                baked_by: settings.as_ref(),
+                paths: self.paths,
+                texel_rays: self.texel_rays,
+                seed,
+            };
+            let asked = match self.against {
+                Against::Path => None,
+                Against::Photon => Some(self.photons.question(volume, isovalue, seed)?),
+            };
+            if let Some(asked) = &asked {
+                asked.check(&question)?;
+            }
+            let found = compare(&question)?;
+            let photons = asked.as_ref().map(|asked| compare_photons(&question, &found, asked)).transpose()?;
+            let time = start.elapsed();
+            let shown = Shown { question: &question, surface: &surface, photons: asked.as_ref(), mean: found.mean };
+            if let Some(files) = files.get(p) {
+                self.pictures.write(files, &shown)?;
+            }
+            let (volume, env) = (subject.name.clone(), probe.name.clone());
+            rows.push(Row { volume, isovalue, env, found, photons, time });
+        }
+        Ok(rows)
+    }
+}
+
+impl Row {
+    /// Which surface it is of.
+    fn surface(&self) -> String {
+        let isovalue = text::number(self.isovalue, 6);
+        match &self.volume {
+            Some(name) => format!("{name} {isovalue}"),
+            None => isovalue,
+        }
+    }
 }
 
 fn table(rows: &[Row]) -> String {
@@ -188,7 +262,7 @@ fn table(rows: &[Row]) -> String {
     for row in rows {
         for (against, d) in [("whole light", &row.found.whole), ("its bands", &row.found.band_limited)] {
             lines.push(vec![
-                text::number(row.isovalue, 6),
+                row.surface(),
                 row.env.clone(),
                 against.into(),
                 format!("{} ± {}", text::percent(d.relative_rms.value), text::percent(d.relative_rms.half_interval)),
@@ -209,7 +283,7 @@ fn budget(rows: &[Row]) -> String {
     let head = ["isovalue", "environment"].map(String::from).into_iter().chain(names);
     let mut lines = vec![head.chain(["total".into(), "noise of the reference".into()]).collect::<Vec<_>>()];
     for row in rows {
-        let mut line = vec![text::number(row.isovalue, 6), row.env.clone()];
+        let mut line = vec![row.surface(), row.env.clone()];
         let total: f64 = row.found.budget.iter().map(|b| b.mean_square).sum();
         for b in &row.found.budget {
             let rms = b.mean_square.abs().sqrt().copysign(b.mean_square);
@@ -237,7 +311,7 @@ fn distance_json(d: &Distance) -> Value {
 fn row_json(row: &Row) -> Value {
     let f = &row.found;
     json!({
-        "isovalue": row.isovalue, "environment": row.env, "mean_radiance": f.mean,
+        "volume": row.volume, "isovalue": row.isovalue, "environment": row.env, "mean_radiance": f.mean,
         "whole": distance_json(&f.whole), "band_limited": distance_json(&f.band_limited),
         "budget_mean_square": f.budget.iter().map(|b| (b.name.to_string(), json!(b.mean_square))).collect::<serde_json::Map<_, _>>(),
         "reference_noise": f.reference_noise, "rays": f.rays, "seconds": row.time.as_secs_f64(),

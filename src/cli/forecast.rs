@@ -1,123 +1,98 @@
-//! What a bake will take and give: a short pilot on the user's own volume, for textures of several resolutions.
+//! What a bake will take and give, for `plan` and `bake --auto`: the pilot of the library on the user's own scene.
 
-use super::{Outcome, text};
-use crate::bake::{Estimator, bytes_of_texel, spread};
-use crate::error::Error;
+use super::isovalue::Isovalue;
+use super::light::open_probe;
+use super::{Failure, Outcome, text};
+use crate::compare::{LitSurface, unburied};
+use crate::error::Result;
 use crate::level::Pyramid;
 use crate::probe::{Orientation, Probe};
+use crate::scene::{Member, SceneFile};
 use crate::session::Isosurface;
-use crate::study::Study;
-use crate::study::model::{Forecast, Pilot};
-use crate::transfer::{Lattice, Layers, Layout, Selection};
-use crate::transport::{Bake, Settings, trial};
-use crate::volume::Volume;
+use crate::study::forecast::{POINTS, Question, RATIOS, Weighed, pilots};
+use crate::study::model::Forecast;
+use crate::transfer::{Lattice, Layers, texels_of_isosurfaces};
 use cpu_time::ProcessTime;
 use serde_json::{Value, json};
+use std::time::Instant;
 
-/// Resolutions that a forecast weighs against each other, the finest first.
-pub(super) const RATIOS: [f64; 3] = [1.0, 0.5, 0.25];
-/// Points, paths at each, and paths for each exact texel: a few seconds on two cores.
-const POINTS: u32 = 400;
-const PATHS: u32 = 1024;
-const TEXEL_RAYS: u32 = 1024;
-/// The two bakes of a pilot.
-const RAYS: [u32; 2] = [16, 64];
-/// Bricks that are timed.
-const BRICKS: usize = 48;
-
-/// What is asked about.
-pub(super) struct Question<'a> {
-    pub(super) volume: &'a Volume,
-    pub(super) pyramid: &'a Pyramid,
-    /// Where accuracy is looked at.
-    pub(super) isovalue: f64,
+/// What is forecast.
+pub(super) struct Asked<'a> {
+    /// The volumes of the scene.
+    pub(super) members: &'a [Member],
+    /// Those asked for, of each; `None` for all.
+    pub(super) isovalues: &'a [Option<Vec<f64>>],
+    /// Layers of the texture of the first.
+    pub(super) layers: &'a Layers,
     pub(super) probe: &'a Probe,
     pub(super) orientation: Orientation,
-    pub(super) albedo: [f32; 3],
-    pub(super) layers: &'a Layers,
+    pub(super) albedo: f32,
+    /// Whether caustics are baked.
+    pub(super) caustics: bool,
     pub(super) seed: u64,
 }
 
-/// The pilot of one resolution.
-pub(super) struct Weighed {
-    pub(super) ratio: f64,
-    pub(super) pilot: Pilot,
-    /// Stored bytes of the texels.
-    pub(super) bytes: u64,
+/// The clock of pilots and studies: wall-clock and processor seconds from now on.
+pub(super) fn clock() -> impl Fn() -> [f64; 2] {
+    let (wall, cpu) = (Instant::now(), ProcessTime::now());
+    move || [wall.elapsed().as_secs_f64(), cpu.elapsed().as_secs_f64()]
 }
 
-/// Refuses what the pilot knows nothing of: `option` asks, of a scene or of a volume alone.
-pub(super) fn check(option: &str, is_scene: bool, estimator: Estimator) -> Result<(), Error> {
-    let refuse = |found: &str, expected| Err(Error::argument(option, found, expected, "give a number of --rays"));
-    match estimator {
-        _ if is_scene => refuse("a scene with walls or luminaires", "a volume without them"),
-        Estimator::Path => Ok(()),
-        // Their texels depend on all others: a pilot would be the whole bake.
-        Estimator::Gather => refuse("--estimator gather", "the estimator path, which alone is forecast"),
-        Estimator::Photon => refuse("--estimator photon", "the estimator path, which alone is forecast"),
-    }
-}
-
-/// A pilot for each of `ratios`; `selected` gives the texels that a bake on a lattice needs.
-pub(super) fn pilots(
-    question: &Question<'_>,
-    ratios: &[f64],
-    selected: &dyn Fn(Lattice) -> Selection,
-) -> Outcome<Vec<Weighed>> {
-    let q = question;
-    let lattices =
-        ratios.iter().map(|&ratio| Lattice::from_ratio(q.volume.dims(), ratio)).collect::<Result<Vec<_>, Error>>()?;
-    let surface = Isosurface::extract(q.volume, q.pyramid, q.isovalue)?;
-    let points = surface.random_points(POINTS, q.seed ^ 0x70);
-    let source = q.probe.source(q.orientation);
-    let bands = q.layers.max_bands();
-    let coefficients = q.probe.coefficients_in_world(bands, q.orientation);
-    let study = Study {
-        volume: q.volume,
-        pyramid: q.pyramid,
-        isovalue: q.isovalue,
-        points: &points,
-        light: &source,
-        coefficients: &coefficients,
-        albedo: q.albedo,
-        paths: PATHS,
-        texel_rays: TEXEL_RAYS,
-        layers: q.layers.len(),
-        seed: q.seed ^ 0x70,
+/// The environment of a forecast or a study: that given, else the scene's with its rotation in degrees, else a
+/// courtyard.
+pub(super) fn environment(given: Option<&str>, scene: Option<&SceneFile>) -> Result<(Probe, f64)> {
+    let turned = scene.and_then(|file| file.description.probe.as_ref()?.rotation).unwrap_or(0.0);
+    let (name, turned) = match (given, scene.and_then(SceneFile::environment)) {
+        (Some(given), _) => (given.to_owned(), 0.0),
+        (None, Some(of_scene)) => (of_scene, turned),
+        (None, None) => ("courtyard".into(), 0.0),
     };
-    let references = study.references(&[bands], &lattices)?;
-    let mut all = Vec::new();
-    for (&ratio, &lattice) in ratios.iter().zip(&lattices) {
-        let accuracy = study.accuracy(&references, lattice, q.layers, RAYS)?;
-        let selection = selected(lattice);
-        let layout = Layout { lattice, layers: q.layers.clone() };
-        let bricks = spread(&selection.bricks(), BRICKS);
-        let mut seconds_per_texel = [0.0; 2];
-        for (seconds, rays) in seconds_per_texel.iter_mut().zip(RAYS) {
-            let settings = Settings { layers: q.layers.clone(), rays, seed: q.seed, target: None, positive: false };
-            let (volume, pyramid) = (q.volume, q.pyramid);
-            let job = Bake::new(volume, pyramid, &layout, &settings, &selection);
-            let clock = ProcessTime::now();
-            let texels = trial(&job, &bricks)?.texels;
-            *seconds = clock.elapsed().as_secs_f64() / texels.max(1) as f64;
+    Ok((open_probe(&name, false, None)?, turned))
+}
+
+/// The pilots of a bake, and the isovalue of the first volume at which accuracy is looked at: the first asked for. Of
+/// several volumes the first is tried; the others get the same ratio and rays, and so a share of the time by their
+/// numbers of texels.
+pub(super) fn weigh(asked: &Asked<'_>) -> Outcome<(f64, Vec<Weighed>)> {
+    let Some((first, others)) = asked.members.split_first() else {
+        return Err(Failure::Message("a scene without volumes".into()));
+    };
+    let (volume, geometry) = (&*first.volume, first.geometry.as_ref());
+    let of = |member: usize| asked.isovalues.get(member).and_then(Option::as_deref);
+    let isovalue = match of(0) {
+        Some([first, ..]) => *first,
+        _ => first.choose(Isovalue::Auto)?.value,
+    };
+    let pyramid = Pyramid::new(volume);
+    let surface = Isosurface::extract(volume, &pyramid, isovalue)?;
+    let points = surface.random_points(POINTS, asked.seed ^ 0x70);
+    let points = unburied(volume, &pyramid, geometry, isovalue, points);
+    let question = Question {
+        surface: LitSurface {
+            volume,
+            pyramid: &pyramid,
+            geometry,
+            caustics: asked.caustics,
+            isovalue,
+            points: &points,
+            light: &asked.probe.source(asked.orientation),
+            coefficients: &asked.probe.coefficients_in_world(asked.layers.max_bands(), asked.orientation),
+            albedo: [asked.albedo; 3],
+            emission: [0.0; 3],
+            scales: &[],
+        },
+        layers: asked.layers,
+        seed: asked.seed,
+    };
+    let selected = |lattice| texels_of_isosurfaces(volume, lattice, of(0));
+    let mut all = pilots(&question, &RATIOS, &selected, &clock())?;
+    for weighed in &mut all {
+        for (i, other) in others.iter().enumerate() {
+            let lattice = Lattice::from_ratio(other.volume.dims(), weighed.ratio)?;
+            weighed.add(texels_of_isosurfaces(&other.volume, lattice, of(1 + i)).len());
         }
-        let texels = selection.len();
-        let pilot = Pilot { rays: RAYS, seconds_per_texel, accuracy, texels };
-        all.push(Weighed { ratio, pilot, bytes: texels * bytes_of_texel(q.layers) });
     }
-    Ok(all)
-}
-
-/// The most exact forecast that takes no more than so many processor seconds; `None` if nothing does.
-pub(super) fn best_within(all: &[Weighed], seconds: f64) -> Option<(&Weighed, Forecast)> {
-    let each = all.iter().filter_map(|w| Some((w, w.pilot.most_within(seconds)?)));
-    each.min_by(|a, b| a.1.error.total_cmp(&b.1.error))
-}
-
-/// The cheapest forecast of at most this error; `None` if none has it.
-pub(super) fn cheapest_within(all: &[Weighed], error: f64) -> Option<(&Weighed, Forecast)> {
-    let each = all.iter().filter_map(|w| Some((w, w.pilot.least_within(error)?)));
-    each.min_by(|a, b| a.1.seconds.total_cmp(&b.1.seconds))
+    Ok((isovalue, all))
 }
 
 /// All forecasts from 16 to 4096 rays, the chosen one marked.

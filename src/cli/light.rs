@@ -154,7 +154,7 @@ pub(super) fn by_option(error: Error) -> Error {
 }
 
 /// Reads NAME=FACTOR or NAME=R,G,B.
-fn parse_factor(argument: &str) -> std::result::Result<LuminaireFactor, String> {
+pub(super) fn parse_factor(argument: &str) -> std::result::Result<LuminaireFactor, String> {
     let expected = "give the name of a luminaire and a factor, such as ceiling=2 or ceiling=1,0.8,0.6";
     let (name, numbers) = argument.split_once('=').ok_or(expected)?;
     let numbers: Option<Vec<f64>> = numbers.split(',').map(|n| n.trim().parse().ok()).collect();

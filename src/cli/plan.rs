@@ -3,15 +3,15 @@
 use super::baking;
 use super::console::Console;
 use super::input::VolumeArgs;
-use super::isovalue::{Isovalue, tell};
-use super::light::open_probe;
+use super::isovalue::tell;
 use super::options::{BakeArgs, parse_time};
-use super::{Outcome, forecast, plan_table, text};
-use crate::bake::{Request, layout_of_scene};
+use super::{Failure, Outcome, forecast, plan_table, text};
+use crate::bake::layout_of_scene;
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::scene::geometry::Geometry;
 use crate::scene::{Scene, SceneFile};
+use crate::study::forecast as forecasts;
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -38,9 +38,9 @@ pub(super) struct Plan {
     /// relit error of 2 % takes
     #[arg(long, value_name = "TIME", value_parser = parse_time)]
     time: Option<Duration>,
-    /// Environment of the forecast
-    #[arg(long, value_name = "PROBE", default_value = "courtyard")]
-    for_env: String,
+    /// Environment of the forecast [default: the scene's, else courtyard]
+    #[arg(long, value_name = "PROBE")]
+    for_env: Option<String>,
     #[arg(skip)]
     pub(super) scene: Option<SceneFile>,
 }
@@ -53,19 +53,32 @@ impl Plan {
             Some(file) => file.open(&options, &transfer.effects())?,
             None => Scene::open_with(&self.input, &options, &transfer.effects())?,
         };
-        let mut plans = Vec::new();
+        let (mut plans, mut isovalues) = (Vec::new(), Vec::new());
         for member in 0..scene.members().len() {
-            plans.push(self.run_member(&mut scene, member, seed, console)?);
+            let (plan, chosen) = self.run_member(&mut scene, member, seed, console)?;
+            plans.push(plan);
+            isovalues.push(chosen);
         }
-        match plans.as_slice() {
-            [one] => console.print_json(one),
-            all => console.print_json(&json!({ "volumes": all })),
+        let mut json = match plans.as_slice() {
+            [one] => one.clone(),
+            all => json!({ "volumes": all }),
+        };
+        if self.time.is_some() || transfer.error.is_some() {
+            forecasts::check("--time and --error", self.bake.estimator.into())?;
+            json["forecast"] = self.forecast(&scene, &isovalues, seed, console)?;
         }
+        console.print_json(&json);
         Ok(())
     }
 
-    /// The plan of one volume of a scene.
-    fn run_member(&self, scene: &mut Scene, member: usize, seed: u64, console: &Console) -> Outcome<Value> {
+    /// The plan of one volume of a scene, and the isovalues asked for.
+    fn run_member(
+        &self,
+        scene: &mut Scene,
+        member: usize,
+        seed: u64,
+        console: &Console,
+    ) -> Outcome<(Value, Option<Vec<f64>>)> {
         let opened = &mut scene.members_mut()[member];
         let scene = self.scene.as_ref();
         let chosen = self.bake.isovalues(opened, scene)?;
@@ -94,45 +107,33 @@ impl Plan {
             text::bytes(plan.bytes)
         ));
         let mut json = serde_json::to_value(&plan).unwrap_or_default();
-        if self.time.is_some() || self.bake.transfer.error.is_some() {
-            forecast::check("--time and --error", job.geometry.is_some(), job.estimator)?;
-            json["forecast"] = self.forecast(&job, &pyramid, opened.default_isovalue, seed, console)?;
-        }
         if let Some(among) = geometry.and_then(Geometry::among) {
             json["volume"] = json!(among.name);
         }
-        Ok(json)
+        Ok((json, job.isovalues))
     }
 
     /// Weighs textures and rays by a pilot and prints what they take and give.
-    fn forecast(
-        &self,
-        job: &Request<'_>,
-        pyramid: &Pyramid,
-        of_field: Option<f64>,
-        seed: u64,
-        console: &Console,
-    ) -> Outcome<Value> {
-        let probe = open_probe(&self.for_env, false, None)?;
-        let orientation = Orientation::new(job.volume.up, 0.0)?;
-        let isovalue = match job.isovalues.as_deref() {
-            Some([first, ..]) => *first,
-            _ => Isovalue::Auto.resolve(job.volume, Some(job.volume.solid), of_field)?.value,
+    fn forecast(&self, scene: &Scene, isovalues: &[Option<Vec<f64>>], seed: u64, console: &Console) -> Outcome<Value> {
+        let Some(first) = scene.members().first() else {
+            return Err(Failure::Message("a scene without volumes".into()));
         };
-        let question = forecast::Question {
-            volume: job.volume,
-            pyramid,
-            isovalue,
+        let transfer = &self.bake.transfer;
+        let (probe, turned) = forecast::environment(self.for_env.as_deref(), self.scene.as_ref())?;
+        let layout = layout_of_scene(transfer.layout(&first.volume, &self.bake.bands)?, first.geometry.as_ref());
+        let (isovalue, all) = forecast::weigh(&forecast::Asked {
+            members: scene.members(),
+            isovalues,
+            layers: &layout.layers,
             probe: &probe,
-            orientation,
-            albedo: [self.albedo.unwrap_or(0.7); 3],
-            layers: &job.layout.layers,
+            orientation: Orientation::new(first.volume.up, turned)?,
+            albedo: self.albedo.unwrap_or(0.7),
+            caustics: transfer.effects().switched("caustics") != Some(false),
             seed,
-        };
-        let all = forecast::pilots(&question, &forecast::RATIOS, &|lattice| job.selection_on(lattice))?;
+        })?;
         let threads = rayon::current_num_threads();
-        let by_time = self.time.and_then(|t| forecast::best_within(&all, t.as_secs_f64() * threads as f64));
-        let by_error = self.bake.transfer.error.and_then(|e| forecast::cheapest_within(&all, f64::from(e)));
+        let by_time = self.time.and_then(|t| forecasts::best_within(&all, t.as_secs_f64() * threads as f64));
+        let by_error = self.bake.transfer.error.and_then(|e| forecasts::cheapest_within(&all, f64::from(e)));
         let chosen = if self.time.is_some() { by_time } else { by_error };
         console.print(format!(
             "\nforecast, {threads} threads: error is the RMS of the relit radiance of isovalue {} over its mean, under {} cut to the bands",

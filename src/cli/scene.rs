@@ -32,11 +32,15 @@ pub(super) fn parse(line: Vec<OsString>) -> Result<std::result::Result<Cli, clap
         is_scene(&OsString::from(&input)).then(|| (command.to_string(), given.clone(), input))
     });
     let Some((command, given, input)) = found else {
+        let line = with_light_of_store(line);
         return Ok(Cli::command().try_get_matches_from(line).and_then(|m| Cli::from_arg_matches(&m)));
     };
     let file = SceneFile::read(&input)?;
-    let absent =
-        |id: &str| given.try_contains_id(id).is_ok() && given.value_source(id) != Some(ValueSource::CommandLine);
+    let is_given =
+        |id: &str| given.try_contains_id(id).is_ok() && given.value_source(id) == Some(ValueSource::CommandLine);
+    // A pilot chooses what the scene says of quality.
+    let is_chosen = |id: &str| is_given("auto") && ["rays", "error", "texture"].contains(&id);
+    let absent = |id: &str| given.try_contains_id(id).is_ok() && !is_given(id) && !is_chosen(id);
     let options =
         options(&file, &command).into_iter().filter(|(id, _)| absent(id)).map(|(_, text)| OsString::from(text));
     let line: Vec<OsString> = line.into_iter().chain(options).collect();
@@ -53,15 +57,16 @@ pub(super) fn parse(line: Vec<OsString>) -> Result<std::result::Result<Cli, clap
     }))
 }
 
-/// The line, with a dark environment where a store with luminaires is relit and none is given.
+/// The line, with a dark environment where a store with luminaires is relit or compared and none is given.
 fn with_light_of_store(mut line: Vec<OsString>) -> Vec<OsString> {
-    if !line.iter().any(|word| word == "relight") {
+    const LIT: [&str; 2] = ["relight", "compare"];
+    if !line.iter().any(|word| LIT.iter().any(|lit| word == lit)) {
         return line;
     }
     let given = Cli::command().ignore_errors(true).try_get_matches_from(&line).ok().and_then(|matches| {
         let (name, given) = matches.subcommand()?;
         let absent = given.try_contains_id("env").is_ok() && given.value_source("env").is_none();
-        (name == "relight" && absent).then(|| given.try_get_one::<String>("input").ok().flatten().cloned()).flatten()
+        (LIT.contains(&name) && absent).then(|| given.try_get_one::<String>("input").ok().flatten().cloned()).flatten()
     });
     let shines = given.filter(|input| super::info::is_store(input)).and_then(|input| Store::open(input).ok());
     if shines.is_some_and(|store| store.identity().scene.as_ref().is_some_and(|scene| !scene.luminaires.is_empty())) {

@@ -7,28 +7,31 @@ use super::console::Console;
 use super::forecast;
 use super::input::VolumeArgs;
 use super::isovalue::Isovalue;
-use super::light::{open_probe, parse_triple};
+use super::light::parse_triple;
 use super::options::{check_memory, parse_bytes};
-use super::{Outcome, output, text};
+use super::{Outcome, output, scene, text};
+use crate::bake::{Estimator, bytes_of_scene_texel};
+use crate::compare::{LitSurface, unburied};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::sampling::statistics::Running;
+use crate::scene::geometry::Geometry;
+use crate::scene::{Effects, Member, Scene, SceneFile};
 use crate::session::Isosurface;
 use crate::study::figure::{Caption, Kept, Mark, on_front, svg};
+use crate::study::forecast::{POINTS, Question, RATIOS, pilots};
 use crate::study::{Measured, References, Setting, Study as Bench};
 use crate::transfer::precision::bytes_of_texel;
 use crate::transfer::texels_of_isosurface;
-use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, MemoryTexture, Precision, Steps};
-use crate::transport::{Bake, ChunkBricks, GatherSettings, PhotonBake, Progress, Settings, bake, gather, photon_bake};
+use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Precision, Steps};
+use crate::transport::{Summary, needs_photons};
 use crate::volume::Volume;
-use cpu_time::ProcessTime;
 use report::{csv, forecast_json, forecasts, iso_json, iso_table, kept_json, kept_table, row_json, table};
 use serde_json::json;
 use std::io::Write as _;
 use std::path::PathBuf;
-use std::time::Instant;
 
 /// Show what accuracy costs in time: bake one surface in many ways and compare each with
 /// path tracing
@@ -45,10 +48,11 @@ use std::time::Instant;
 pub(super) struct Study {
     #[command(subcommand)]
     other: Option<OtherStudy>,
-    /// Volume file or field
-    #[arg(value_name = "VOLUME", required = true)]
+    /// Volume file, field or scene (.toml)
+    #[arg(value_name = "VOLUME|SCENE", required = true)]
     input: Option<String>,
-    /// Isovalue: a number in the file's values, a percentage of their range, or auto
+    /// Isovalue: a number in the file's values, a percentage of their range, or auto; of a scene of several volumes
+    /// that of the first
     #[arg(
         short,
         long,
@@ -58,12 +62,15 @@ pub(super) struct Study {
         allow_hyphen_values = true
     )]
     isovalue: Isovalue,
-    /// Environment: an image file or a name, as relight takes it
-    #[arg(short, long, value_name = "PROBE", default_value = "courtyard")]
-    env: String,
-    /// Diffuse reflectance, one number or r,g,b
-    #[arg(long, value_name = "RHO|R,G,B", default_value = "0.7", value_parser = parse_triple, allow_hyphen_values = true)]
-    albedo: super::light::Triple,
+    /// Environment: an image file or a name, as relight takes it [default: the scene's, else courtyard]
+    #[arg(short, long, value_name = "PROBE")]
+    env: Option<String>,
+    /// Diffuse reflectance, one number or r,g,b [default: the scene's, else 0.7]
+    #[arg(long, value_name = "RHO|R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
+    albedo: Option<super::light::Triple>,
+    /// The volume to study, of a scene of several [default: the first]
+    #[arg(long = "volume", value_name = "NAME")]
+    of_volume: Option<String>,
     /// Random vertices at which light is compared
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
     points: u32,
@@ -124,68 +131,68 @@ struct Row {
     measured: Measured,
 }
 
-/// A bake in memory.
-struct Baked {
-    texture: MemoryTexture,
-    settings: Settings,
-    wall: f64,
-    cpu: f64,
-    rays: u64,
-    texels: u64,
-}
-
 impl Study {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
         if let Some(OtherStudy::Placements(other)) = &self.other {
             return other.run(seed, console);
         }
-        let mut opened = super::input::open(self.input.as_deref().unwrap_or_default(), &self.volume)?;
-        let chosen = opened.choose(self.isovalue)?;
+        let mut scene = self.open()?;
+        let file = scene.description().cloned();
+        let member = self.member(scene.members())?;
+        let opened = &mut scene.members_mut()[member];
+        let chosen = opened.choose(self.isovalue(file.as_ref())?)?;
         opened.take_side(std::slice::from_ref(&chosen))?;
-        let volume = &*opened.volume;
+        let (volume, geometry) = (&*opened.volume, opened.geometry.as_ref());
         for note in &volume.notes {
             console.note(&note.text);
         }
         let folder = output::result_folder(self.output.as_deref(), format!("{}-study", volume.name), "study.csv")?;
         volume.check_cells()?;
-        let probe = open_probe(&self.env, false, None)?;
-        let orientation = Orientation::new(volume.up, 0.0)?;
+        let (probe, turned) = forecast::environment(self.env.as_deref(), file.as_ref())?;
+        let orientation = Orientation::new(volume.up, turned)?;
         let pyramid = Pyramid::new(volume);
-        let settings = self.settings()?;
-        self.check_memory(volume, chosen.value, &settings)?;
+        let settings = self.settings(geometry.is_some())?;
+        self.check_memory(volume, geometry, chosen.value, &settings)?;
         let (source, most) = (probe.source(orientation), most_bands(&settings));
         let coefficients = probe.coefficients_in_world(most, orientation);
         let surface = Isosurface::extract(volume, &pyramid, chosen.value)?;
         let points = surface.random_points(if self.quick { self.points.min(400) } else { self.points }, seed);
-        let bench = Bench {
+        let points = unburied(volume, &pyramid, geometry, chosen.value, points);
+        let rule = file.as_ref().and_then(|f| f.description.albedo.as_ref()).map(|a| a.rule(volume.value_range()));
+        let of_scene = rule.map_or([0.7; 3], |rule| rule.albedo(chosen.value));
+        let emission = file.as_ref().and_then(|f| f.description.emission.as_ref());
+        let lit = LitSurface {
             volume,
             pyramid: &pyramid,
+            geometry,
+            caustics: geometry.is_none_or(|geometry| needs_photons(geometry).is_empty()),
             isovalue: chosen.value,
             points: &points,
             light: &source,
             coefficients: &coefficients,
-            albedo: self.albedo.0,
+            albedo: self.albedo.map_or(of_scene, |albedo| albedo.0),
+            emission: emission.map_or([0.0; 3], |rule| rule.at(chosen.value)),
+            scales: &[],
+        };
+        let bench = Bench {
+            surface: lit,
             paths: if self.quick { self.paths.min(1024) } else { self.paths },
             texel_rays: if self.quick { self.texel_rays.min(1024) } else { self.texel_rays },
             layers: MOST_LAYERS,
             seed,
         };
-        let clock = (Instant::now(), ProcessTime::now());
+        let clock = forecast::clock();
         let references = self.references(&bench, &settings)?;
-        let reference_seconds = [clock.0.elapsed().as_secs_f64(), clock.1.elapsed().as_secs_f64()];
+        let reference_seconds = clock();
         let spread = clock_noise(&bench, seed)?;
-        let question = forecast::Question {
-            volume,
-            pyramid: &pyramid,
-            isovalue: chosen.value,
-            probe: &probe,
-            orientation,
-            albedo: self.albedo.0,
-            layers: &Layers::new(BANDS.to_vec())?,
-            seed,
-        };
+        let bands = Layers::new(BANDS.to_vec())?;
+        let layers = if geometry.is_some() { bands.coloured() } else { bands };
+        let of_pilot = probe.coefficients_in_world(layers.max_bands(), orientation);
+        let few = &points[..points.len().min(POINTS as usize)];
+        let question =
+            Question { surface: LitSurface { points: few, coefficients: &of_pilot, ..lit }, layers: &layers, seed };
         let selected = |lattice| texels_of_isosurface(volume, lattice, chosen.value);
-        let pilots = forecast::pilots(&question, &forecast::RATIOS, &selected)?;
+        let pilots = pilots(&question, &RATIOS, &selected, &clock)?;
         let kept_of = self.middle_rays();
         let (mut rows, mut kept_rows) = (Vec::new(), Vec::new());
         for (curve, label, setting) in settings {
@@ -214,7 +221,7 @@ impl Study {
         let csv = csv(&rows);
         std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the folder", e))?;
         let whole = json!({
-            "volume": volume.name, "isovalue": chosen.value, "environment": probe.name, "albedo": self.albedo.0,
+            "volume": volume.name, "isovalue": chosen.value, "environment": probe.name, "albedo": lit.albedo,
             "points": points.len(), "paths": bench.paths, "texel_rays": bench.texel_rays, "seed": seed,
             "threads": rayon::current_num_threads(),
             "reference": { "rays": references.rays, "noise": references.noise(), "wall_seconds": reference_seconds[0],
@@ -262,8 +269,39 @@ impl Study {
         ladder.get(ladder.len() * 2 / 3).copied().unwrap_or(LEAST_RAYS)
     }
 
-    /// Curve, label and setting of every bake.
-    fn settings(&self) -> Outcome<Vec<(String, String, Setting)>> {
+    /// Opens what is studied; what a scene says of its volume counts where no option does.
+    fn open(&self) -> Outcome<Scene> {
+        let input = self.input.as_deref().unwrap_or_default();
+        let mut options = self.volume.options();
+        if !input.to_ascii_lowercase().ends_with(".toml") {
+            return Ok(Scene::open_with(input, &options, &Effects::default())?);
+        }
+        let file = SceneFile::read(input)?;
+        options.solid = options.solid.or(file.description.solid);
+        options.up = options.up.or(file.description.up);
+        Ok(file.open(&options, &Effects::default())?)
+    }
+
+    /// The isovalue asked for, else the first of the scene.
+    fn isovalue(&self, file: Option<&SceneFile>) -> Result<Isovalue, Error> {
+        let of_scene = file.filter(|_| self.isovalue == Isovalue::Auto).and_then(scene::isovalues);
+        let first = of_scene.as_deref().and_then(|list| list.split(',').next());
+        first.map_or(Ok(self.isovalue), str::parse)
+    }
+
+    /// The number of the volume that is meant.
+    fn member(&self, members: &[Member]) -> Result<usize, Error> {
+        let Some(name) = &self.of_volume else { return Ok(0) };
+        let names: Vec<&str> = members.iter().map(|m| m.volume.name.as_str()).collect();
+        names.iter().position(|n| n == name).ok_or_else(|| {
+            let remedy = text::nearest(name, names.iter().copied())
+                .map_or("see the [[volumes]] of the scene".into(), |near| format!("did you mean {near}?"));
+            Error::argument("--volume", name, format!("one of {}", names.join(", ")), remedy)
+        })
+    }
+
+    /// Curve, label and setting of every bake; in a scene by `path` alone.
+    fn settings(&self, is_scene: bool) -> Outcome<Vec<(String, String, Setting)>> {
         if self.most_rays < LEAST_RAYS {
             let expected = format!("at least {LEAST_RAYS}, where every sweep begins");
             let remedy = "1024 is the default; --quick makes a study short";
@@ -271,6 +309,7 @@ impl Study {
         }
         let ladder = self.ladder();
         let every = |n: usize| -> Vec<u32> { ladder.iter().copied().step_by(n).collect() };
+        use Estimator::{Gather, Path, Photon};
         let setting = |estimator, rays, bands: &[usize], ratio| Setting {
             estimator,
             rays,
@@ -281,34 +320,34 @@ impl Study {
         let mut all = Vec::new();
         let mut add = |curve: &str, label: String, setting| all.push((curve.to_string(), label, setting));
         for &n in &ladder {
-            add("path", format!("{n}"), setting("path", n, &BANDS, 1.0));
+            add("path", format!("{n}"), setting(Path, n, &BANDS, 1.0));
+        }
+        for n in every(2).into_iter().filter(|_| !is_scene) {
+            add("gather", format!("{n}"), setting(Gather, n, &BANDS, 1.0));
         }
         for n in every(2) {
-            add("gather", format!("{n}"), setting("gather", n, &BANDS, 1.0));
-        }
-        for n in every(2) {
-            add("path, texture ½", format!("{n}"), setting("path", n, &BANDS, 0.5));
+            add("path, texture ½", format!("{n}"), setting(Path, n, &BANDS, 0.5));
         }
         if self.quick {
             return Ok(all);
         }
-        for n in every(2).into_iter().filter(|n| (64..=256).contains(n)) {
-            add("photon", format!("{n}"), setting("photon", n, &BANDS, 1.0));
+        for n in every(2).into_iter().filter(|n| !is_scene && (64..=256).contains(n)) {
+            add("photon", format!("{n}"), setting(Photon, n, &BANDS, 1.0));
         }
         for n in every(2) {
-            add("path, texture ¼", format!("{n}"), setting("path", n, &BANDS, 0.25));
+            add("path, texture ¼", format!("{n}"), setting(Path, n, &BANDS, 0.25));
         }
         let middle = self.middle_rays();
         for layers in 1..BANDS.len() {
             add(
                 "path, fewer layers",
                 format!("{layers} layer{}", if layers == 1 { "" } else { "s" }),
-                setting("path", middle, &BANDS[..layers], 1.0),
+                setting(Path, middle, &BANDS[..layers], 1.0),
             );
         }
         for bands in [2, 3, 4, 5, 7] {
             let bands = [bands; BANDS.len()];
-            add(SAME_BANDS, format!("{}", bands[0]), setting("path", middle, &bands, 1.0));
+            add(SAME_BANDS, format!("{}", bands[0]), setting(Path, middle, &bands, 1.0));
         }
         Ok(all)
     }
@@ -319,7 +358,7 @@ impl Study {
         bands.dedup();
         let mut lattices: Vec<Lattice> = Vec::new();
         for (_, _, setting) in settings {
-            let lattice = Lattice::from_ratio(bench.volume.dims(), setting.ratio)?;
+            let lattice = Lattice::from_ratio(bench.surface.volume.dims(), setting.ratio)?;
             if lattices.iter().all(|l| l.texels() != lattice.texels()) {
                 lattices.push(lattice);
             }
@@ -327,10 +366,16 @@ impl Study {
         Ok(bench.references(&bands, &lattices)?)
     }
 
-    fn check_memory(&self, volume: &Volume, isovalue: f64, all: &[(String, String, Setting)]) -> Outcome {
+    fn check_memory(
+        &self,
+        volume: &Volume,
+        geometry: Option<&Geometry>,
+        isovalue: f64,
+        all: &[(String, String, Setting)],
+    ) -> Outcome {
         let lattice = Lattice::from_ratio(volume.dims(), 1.0)?;
         let bricks = texels_of_isosurface(volume, lattice, isovalue).bricks().len() as u64;
-        let largest = most_bytes(all)?;
+        let largest = most_bytes(all, geometry)?;
         // Two textures at once, and the cache of `gather`.
         let needed = volume.samples().bytes().len() as u64 / 4 * 5 + 3 * bricks * BRICK_TEXELS as u64 * largest;
         Ok(check_memory("the textures of the study", needed, self.memory_limit)?)
@@ -338,42 +383,16 @@ impl Study {
 }
 
 /// Most stored bytes that any setting needs for a texel.
-fn most_bytes(all: &[(String, String, Setting)]) -> Outcome<u64> {
-    let layers = all.iter().map(|(_, _, s)| Layers::new(s.bands.clone())).collect::<Result<Vec<_>, Error>>()?;
-    Ok(layers.iter().map(crate::bake::bytes_of_texel).max().unwrap_or(0))
+fn most_bytes(all: &[(String, String, Setting)], geometry: Option<&Geometry>) -> Outcome<u64> {
+    let channels = |layers: Layers| if geometry.is_some() { layers.coloured() } else { layers };
+    let layers = all.iter().map(|(_, _, s)| Ok(channels(Layers::new(s.bands.clone())?)));
+    let layers = layers.collect::<Result<Vec<_>, Error>>()?;
+    Ok(layers.iter().map(|layers| bytes_of_scene_texel(layers, geometry)).max().unwrap_or(0))
 }
 
 /// Most bands that any setting has.
 fn most_bands(settings: &[(String, String, Setting)]) -> usize {
     settings.iter().flat_map(|s| &s.2.bands).copied().max().unwrap_or(1)
-}
-
-/// Bakes the texels of the surface into memory and times it.
-fn bake_once(bench: &Bench<'_>, setting: &Setting, seed: u64) -> Outcome<Baked> {
-    let lattice = Lattice::from_ratio(bench.volume.dims(), setting.ratio)?;
-    let layers = Layers::new(setting.bands.clone())?;
-    let layout = Layout { lattice, layers: layers.clone() };
-    let selection = texels_of_isosurface(bench.volume, lattice, bench.isovalue);
-    let settings = Settings { layers, rays: setting.rays, seed, target: None, positive: false };
-    let job = Bake::new(bench.volume, bench.pyramid, &layout, &settings, &selection);
-    let mut texture = MemoryTexture::new(layout.clone());
-    let mut keep = |chunk: [usize; 3], mut groups: ChunkBricks| texture.insert_chunk(chunk, groups.swap_remove(0));
-    let (chunks, progress) = (job.chunks(), Progress::default());
-    let (wall, cpu) = (Instant::now(), ProcessTime::now());
-    let summary = match setting.estimator {
-        "gather" => {
-            let options = GatherSettings { bias_texels: 0, ..GatherSettings::default() };
-            gather(&job, &options, &chunks, &progress, &|_| Ok(None), &mut keep)?.summary
-        }
-        "photon" => {
-            let texels: u64 = lattice.texels().iter().map(|&m| m as u64).product();
-            let options = PhotonBake::for_texels(texels, setting.rays);
-            photon_bake(&job, &options, &chunks, &progress, &|_| Ok(None), &mut keep)?.0
-        }
-        _ => bake(&job, &chunks, &progress, &|_| Ok(None), &mut keep)?,
-    };
-    let (wall, cpu) = (wall.elapsed().as_secs_f64(), cpu.elapsed().as_secs_f64());
-    Ok(Baked { texture, settings, wall, cpu, rays: summary.counts.rays, texels: summary.valid })
 }
 
 /// Bakes and measures; with `keeps` also what keeping the same coefficients in more or fewer bits does.
@@ -386,21 +405,31 @@ fn measure(
     seed: u64,
     keeps: bool,
 ) -> Outcome<(Row, Vec<Row>)> {
-    let Baked { texture, settings, wall, cpu, rays, texels } = bake_once(bench, &setting, seed)?;
-    let is_path = setting.estimator == "path";
-    let second = if is_path { None } else { Some(bake_once(bench, &setting, seed ^ 1)?.texture) };
-    let baked_by = is_path.then_some(&settings);
-    let measured = bench.measure(references, &texture, baked_by, second.as_ref().map(|t| t as _))?;
+    let clock = forecast::clock();
+    let baked = bench.bake(&setting, seed, &clock)?;
+    let (textures, settings) = (baked.textures.sources(), &baked.settings);
+    let (rays, texels) = (rays_of(&baked.summary), baked.summary.valid);
+    let [wall, cpu] = baked.seconds;
+    let is_path = setting.estimator == Estimator::Path;
+    let second = if is_path { None } else { Some(bench.bake(&setting, seed ^ 1, &clock)?) };
+    let second = second.as_ref().map(|second| second.textures.sources());
+    let measured = bench.measure(references, &textures, is_path.then_some(settings), second.as_deref())?;
     let row = |curve, label, kept_as, measured| {
         let bytes = (texels as f64 * bytes_of_texel(&settings.layers, kept_as)) as u64;
         Row { setting: Setting { kept_as, ..setting.clone() }, curve, label, wall, cpu, rays, texels, bytes, measured }
     };
     let mut kept = Vec::new();
     if keeps {
-        let found = bench.measure_kept_as(references, &texture, &settings, &KEPT_AS)?;
+        let found = bench.measure_kept_as(references, &textures, settings, &KEPT_AS)?;
         kept.extend(KEPT_AS.into_iter().zip(found).map(|(kind, found)| row(KEPT.into(), kind.name(), kind, found)));
     }
     Ok((row(curve, label, Precision::Half, measured), kept))
+}
+
+/// Rays of a bake: within the level set of a volume alone, or through all that a scene has.
+fn rays_of(summary: &Summary) -> u64 {
+    let in_scene = summary.scene.path_rays + summary.scene.light_rays;
+    if in_scene > 0 { in_scene } else { summary.counts.rays }
 }
 
 /// A row of the sweep of storage for the figure.
@@ -415,21 +444,23 @@ fn kept(row: &Row) -> Kept {
 
 /// Spread of repeated bakes, over their mean: wall-clock time and processor time.
 fn clock_noise(bench: &Bench<'_>, seed: u64) -> Outcome<[f64; 2]> {
-    let setting = Setting { estimator: "path", rays: 16, bands: BANDS.to_vec(), ratio: 1.0, kept_as: Precision::Half };
+    let setting =
+        Setting { estimator: Estimator::Path, rays: 16, bands: BANDS.to_vec(), ratio: 1.0, kept_as: Precision::Half };
     // The first one warms caches.
-    bake_once(bench, &setting, seed)?;
+    let clock = forecast::clock();
+    bench.bake(&setting, seed, &clock)?;
     let (mut wall, mut cpu) = (Running::default(), Running::default());
     for _ in 0..REPEATS {
-        let baked = bake_once(bench, &setting, seed)?;
-        wall.push(baked.wall);
-        cpu.push(baked.cpu);
+        let seconds = bench.bake(&setting, seed, &clock)?.seconds;
+        wall.push(seconds[0]);
+        cpu.push(seconds[1]);
     }
     Ok([wall, cpu].map(|r| r.variance().sqrt() / r.mean().max(f64::MIN_POSITIVE)))
 }
 
 /// What a reader of the figure must know.
 fn notes(bench: &Bench<'_>, references: &References, texels: u64, spread: [f64; 2]) -> Vec<String> {
-    let (points, [r, g, b]) = (text::count(bench.points.len() as u64), bench.albedo);
+    let (points, [r, g, b]) = (text::count(bench.surface.points.len() as u64), bench.surface.albedo);
     let albedo = if r == g && g == b { r.to_string() } else { format!("{r}, {g}, {b}") };
     vec![
         format!(

@@ -3,7 +3,7 @@
 //! # The chain
 //! From the truth to what a user sees, one approximation at a time, all at the same points:
 //!
-//! 1. paths under the whole light ([`direct`]: no texture, no spherical harmonics);
+//! 1. paths under the whole light ([`crate::transport::direct`]: no texture, no spherical harmonics);
 //! 2. the same paths under the light cut to the bands of the store: the difference is *truncation*;
 //! 3. texels baked with many rays, interpolated: *texture*, which holds the interpolation between texels, the layers' own
 //!    band limits, and the tail beyond the last layer;
@@ -15,43 +15,32 @@
 
 mod photon;
 pub(crate) mod slow;
+mod surface;
 
 #[cfg(test)]
 mod tests;
 
 pub use photon::{PhotonComparison, PhotonQuestion, compare_photons};
+pub(crate) use surface::Texels;
+pub use surface::{LitSurface, unburied};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::geom::Direction;
-use crate::level::Pyramid;
-use crate::relight::{Light, LookupReport, Material, Textures, contract};
+use crate::relight::LookupReport;
 use crate::sampling::{DirectionSample, DirectionalSource};
 use crate::sh::{self, Coefficients};
 use crate::transfer::BrickSource;
-use crate::transfer::texels_of_isosurface;
-use crate::transport::{DirectSettings, Radiance, Settings, SurfacePoint, direct};
-use crate::volume::Volume;
+use crate::transport::{Radiance, Settings};
 
 /// What is compared.
+#[derive(Clone, Copy)]
 pub struct Question<'a> {
-    /// The volume.
-    pub volume: &'a Volume,
-    /// Its pyramid.
-    pub pyramid: &'a Pyramid,
-    /// The baked texture.
-    pub texture: &'a dyn BrickSource,
-    /// How it was baked: seed, positive, layers; `None` if not by `path`, so that its texels cannot be made again.
+    /// The surface, where it is looked at, and its light.
+    pub surface: LitSurface<'a>,
+    /// The baked textures, one a group in the order of [`crate::transport::Bake::groups`]: for a volume alone one.
+    pub textures: &'a [&'a dyn BrickSource],
+    /// How they were baked: seed, positive, layers; `None` if not by `path`, so that texels cannot be made again.
     pub baked_by: Option<&'a Settings>,
-    /// In the file's values.
-    pub isovalue: f64,
-    /// Where radiance is compared.
-    pub points: &'a [SurfacePoint],
-    /// The whole light.
-    pub light: &'a dyn DirectionalSource,
-    /// The same light cut to the bands of the texture, in world axes.
-    pub coefficients: &'a [Coefficients; 3],
-    /// Diffuse reflectance of each channel.
-    pub albedo: [f32; 3],
     /// Paths at each point.
     pub paths: u32,
     /// Paths for each texel of the third link of the chain.
@@ -140,29 +129,16 @@ impl DirectionalSource for BandLimited<'_> {
 /// Compares.
 ///
 /// # Errors
-/// When there are no points, a texel that a lookup needs was not baked, or as [`direct`] and the texture.
+/// When there are no points, a texel that a lookup needs was not baked, or as [`crate::transport::direct`] and the
+/// textures.
 pub fn compare(question: &Question<'_>) -> Result<Comparison> {
-    let q = question;
-    if q.points.is_empty() {
-        return Err(Error::argument("points", 0, "at least one point of a surface", "give another isovalue"));
-    }
-    let settings = DirectSettings { paths: q.paths, albedo: q.albedo, seed: q.seed };
-    let limited = BandLimited(q.coefficients);
-    let lights: [&dyn DirectionalSource; 2] = [q.light, &limited];
-    let (references, counts) = direct(q.volume, q.pyramid, q.isovalue, q.points, &lights, &settings)?;
+    let (q, surface) = (question, &question.surface);
+    surface.check()?;
+    let limited = BandLimited(surface.coefficients);
+    let lights: [&dyn DirectionalSource; 2] = [surface.light, &limited];
+    let (references, rays) = surface.by_paths(&lights, q.paths, q.seed)?;
     let [whole, cut] = [0, 1].map(|l| references[l].iter().map(|r| r.mean).collect::<Vec<_>>());
     let (stored, lookups) = by_store(q)?;
-    if lookups.unbaked > 0 {
-        return Err(Error::argument(
-            "isovalue",
-            format!(
-                "{}: {} of {} lookups meet texels that were never baked",
-                q.isovalue, lookups.unbaked, lookups.lookups
-            ),
-            "an isovalue that the store holds",
-            "bake it into the store first",
-        ));
-    }
     let [fine, again] = slow::interpolated(q, &stored)?;
     let links = [&whole, &cut, &fine, &again, &stored];
     let mean = whole.iter().flatten().sum::<f64>() / (3 * whole.len()) as f64;
@@ -174,26 +150,19 @@ pub fn compare(question: &Question<'_>) -> Result<Comparison> {
         whole: distance(&stored, &whole, noise(&references[0])),
         band_limited: distance(&stored, &cut, noise(&references[1])),
         budget: budget(&links, mean, q.baked_by.is_some()),
-        reference_noise: noise(&references[0]).sqrt() / mean,
+        reference_noise: if mean > 0.0 { noise(&references[0]).sqrt() / mean } else { 0.0 },
         lookups,
-        rays: counts.rays,
+        rays,
         at_points: stored.iter().zip(&whole).map(|(s, w)| [*s, *w]).collect(),
     })
 }
 
-/// What a user gets: radiance at the points of the question from its texture, through contraction and lookup.
+/// What a user gets: radiance at the points of the question from its textures, through contraction and lookup.
 ///
 /// # Errors
-/// As the texture; an albedo that is none.
+/// As the textures; an albedo that is none; a texel that was never baked.
 pub fn by_store(q: &Question<'_>) -> Result<(Vec<[f64; 3]>, LookupReport)> {
-    let light = Light::from_channels(q.coefficients)?;
-    let material = Material::new(q.albedo, [0.0; 3])?;
-    let bricks = texels_of_isosurface(q.volume, q.texture.layout().lattice, q.isovalue).bricks();
-    let contracted = contract(&Textures::of_volume(q.texture)?, &bricks, &light, &material)?;
-    let positions: Vec<[f32; 3]> = q.points.iter().map(|p| p.position_in_grid).collect();
-    let normals: Vec<[f32; 3]> = q.points.iter().map(|p| p.normal).collect();
-    let lit = contracted.look_up(&positions, &normals, &light, &material);
-    Ok((lit.radiance.iter().map(|v| v.map(f64::from)).collect(), lit.report))
+    q.surface.by_textures(q.textures, q.surface.coefficients)
 }
 
 /// Mean square of the difference over points and channels.

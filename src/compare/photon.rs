@@ -38,11 +38,28 @@ pub struct PhotonComparison {
 }
 
 impl PhotonQuestion {
+    /// Refuses what photons do not know.
+    ///
+    /// # Errors
+    /// Where something stands around the volume, or the surface emits.
+    pub fn check(&self, q: &Question<'_>) -> Result<()> {
+        let refuse = |found: &str| {
+            let remedy = "compare with paths, which meet all of it: photons among walls are not built yet";
+            Err(Error::argument("photon", found, "a volume alone under an environment", remedy))
+        };
+        if q.surface.geometry.is_some() {
+            return refuse("a scene with walls, luminaires or other volumes");
+        }
+        if q.surface.emission != [0.0; 3] { refuse("a surface that emits") } else { Ok(()) }
+    }
+
     /// Radiance at the points of a question by photons, and the map that says so.
     ///
     /// # Errors
-    /// As [`PhotonMap::new`] and [`photon_direct`].
+    /// As [`Self::check`], [`PhotonMap::new`] and [`photon_direct`].
     pub fn answer(&self, q: &Question<'_>) -> Result<(Vec<Radiance>, PhotonMap)> {
+        self.check(q)?;
+        let q = &q.surface;
         let settings = PhotonSettings {
             albedo: q.albedo,
             first_bounce: u32::from(self.reading.light == PhotonLight::Indirect),
@@ -59,7 +76,7 @@ impl PhotonQuestion {
 /// # Errors
 /// As [`PhotonQuestion::answer`]; a comparison of other points.
 pub fn compare_photons(q: &Question<'_>, found: &Comparison, photons: &PhotonQuestion) -> Result<PhotonComparison> {
-    if found.at_points.len() != q.points.len() {
+    if found.at_points.len() != q.surface.points.len() {
         let n = found.at_points.len();
         return Err(Error::argument(
             "comparison",

@@ -64,7 +64,7 @@ pub use picture::{Background, Framing, PictureOptions, Still};
 pub use surface::{Part, Surface};
 pub use textures::LuminaireFactor;
 #[doc(hidden)]
-pub use textures::{Groups, radiance_of_bricks};
+pub use textures::{Groups, check_factors, factor_of, radiance_of_bricks};
 pub use tone::Tone;
 pub use write::MeshOptions;
 

@@ -17,7 +17,7 @@ pub struct LuminaireFactor {
 }
 
 /// The factor on a luminaire: that given last.
-pub(super) fn factor_of(name: &str, factors: &[LuminaireFactor]) -> [f64; 3] {
+pub fn factor_of(name: &str, factors: &[LuminaireFactor]) -> [f64; 3] {
     factors.iter().rev().find(|f| f.luminaire == name).map_or([1.0; 3], |f| f.factor)
 }
 
@@ -73,6 +73,26 @@ impl<'a> Groups<'a> {
     }
 }
 
+/// Refuses factors on luminaires that are not there, and those that make no sense.
+///
+/// # Errors
+/// When the scene has no such luminaire, or a factor is negative or not finite.
+pub fn check_factors(names: &[String], factors: &[LuminaireFactor]) -> Result<()> {
+    if let Some(unknown) = factors.iter().find(|f| !names.contains(&f.luminaire)) {
+        let remedy = match nearest(&unknown.luminaire, names.iter().map(String::as_str)) {
+            Some(near) => format!("did you mean {near}?"),
+            None => "see the [[luminaires]] of the scene".into(),
+        };
+        let expected = if names.is_empty() { "a scene with luminaires".into() } else { names.join(", ") };
+        return Err(Error::argument("luminaire", &unknown.luminaire, expected, remedy));
+    }
+    if let Some(wrong) = factors.iter().find(|f| !f.factor.iter().all(|v| v.is_finite() && *v >= 0.0)) {
+        let given = format!("{}={:?}", wrong.luminaire, wrong.factor);
+        return Err(Error::argument("luminaire", given, "finite factors of at least 0", "0 switches it off"));
+    }
+    Ok(())
+}
+
 /// The radiance of the texels of some bricks under an environment, and under the luminaires of a scene; none is
 /// negative under certified light, and what was is told.
 ///
@@ -100,18 +120,7 @@ fn contracted(
 ) -> Result<Contracted> {
     let light = &lighting.light;
     let names: &[String] = store.identity().scene.as_ref().map_or(&[], |scene| &scene.luminaires);
-    if let Some(unknown) = factors.iter().find(|f| !names.contains(&f.luminaire)) {
-        let remedy = match nearest(&unknown.luminaire, names.iter().map(String::as_str)) {
-            Some(near) => format!("did you mean {near}?"),
-            None => "see the [[luminaires]] of the scene".into(),
-        };
-        let expected = if names.is_empty() { "a scene with luminaires".into() } else { names.join(", ") };
-        return Err(Error::argument("luminaire", &unknown.luminaire, expected, remedy));
-    }
-    if let Some(wrong) = factors.iter().find(|f| !f.factor.iter().all(|v| v.is_finite() && *v >= 0.0)) {
-        let given = format!("{}={:?}", wrong.luminaire, wrong.factor);
-        return Err(Error::argument("luminaire", given, "finite factors of at least 0", "0 switches it off"));
-    }
+    check_factors(names, factors)?;
     if store.identity().scene.is_some() && !lighting.suns.is_empty() {
         let expected = "an environment whose lamps stay in it";
         let remedy = "leave it out: rays of a sun that is lit apart do not know the walls of a scene";

@@ -1,9 +1,9 @@
 //! What accuracy costs: one surface under one light, baked in many ways, each compared with the same reference.
 //!
-//! A [`Study`] fixes volume, isovalue, light, albedo and points of the surface. Its reference is made once: paths at the
-//! points under the whole light and under the light cut to each number of bands, and texels of many paths on each
-//! lattice. A texture baked with any [`Setting`] is then [measured](Study::measure) against it, without the clock: who
-//! calls knows what the bake took.
+//! A [`Study`] fixes volume, what stands around it, isovalue, light, albedo and points of the surface. Its reference is
+//! made once: paths at the points under the whole light and under the light cut to each number of bands, and texels of
+//! many paths on each lattice. A texture baked with any [`Setting`] is then [measured](Study::measure) against it,
+//! without the clock: who calls knows what the bake took.
 //!
 //! # The chain
 //! As in [`crate::compare`], with two links more, so that each choice of a setting has a row of its own:
@@ -21,7 +21,9 @@
 //! cross terms are a row, so that the rows sum to the mean square of the whole difference. Numbers kept in more or fewer
 //! bits than a store's ([`Study::measure_kept_as`]) change the last row alone.
 
+mod bake;
 pub mod figure;
+pub mod forecast;
 pub mod front;
 pub mod model;
 pub mod placements;
@@ -30,36 +32,26 @@ mod storage;
 #[cfg(test)]
 mod tests;
 
+pub use bake::{Baked, MemoryTextures};
+
+use crate::bake::Estimator;
 use crate::compare::slow::{between, radiance_of, trilinear};
-use crate::compare::{BandLimited, BudgetRow, Distance, distance, mean_square};
+use crate::compare::{BandLimited, BudgetRow, Distance, LitSurface, Texels, distance, mean_square};
 use crate::error::{Error, Result};
-use crate::level::Pyramid;
-use crate::relight::{Light, Material, Textures, contract};
 use crate::sampling::DirectionalSource;
 use crate::sampling::hash::key;
 use crate::sh::Coefficients;
-use crate::transfer::texels_of_isosurface;
-use crate::transfer::{BrickSource, Lattice, Layers, Layout, Precision, Selection};
-use crate::transport::{Bake, DirectSettings, Radiance, Settings, SurfacePoint, direct, estimates};
-use crate::volume::Volume;
+use crate::transfer::{BrickSource, Lattice, Layers, Layout, Precision};
+use crate::transport::{Radiance, Settings, SurfacePoint};
 use std::collections::BTreeMap;
+
+/// Wall-clock and processor seconds since some moment, from whoever may read the clock.
+pub type Clock<'a> = dyn Fn() -> [f64; 2] + 'a;
 
 /// What every bake of a study has in common.
 pub struct Study<'a> {
-    /// The volume.
-    pub volume: &'a Volume,
-    /// Its pyramid.
-    pub pyramid: &'a Pyramid,
-    /// In the file's values.
-    pub isovalue: f64,
-    /// Where radiance is compared.
-    pub points: &'a [SurfacePoint],
-    /// The whole light.
-    pub light: &'a dyn DirectionalSource,
-    /// Its coefficients in world axes, of as many bands as any setting has.
-    pub coefficients: &'a [Coefficients; 3],
-    /// Diffuse reflectance of each channel.
-    pub albedo: [f32; 3],
+    /// The surface, where it is looked at, and its light; coefficients of as many bands as any setting has.
+    pub surface: LitSurface<'a>,
     /// Paths of the reference at each point, a power of two.
     pub paths: u32,
     /// Paths of each exact texel.
@@ -73,8 +65,8 @@ pub struct Study<'a> {
 /// How a texture is baked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
-    /// `path`, `gather` or `photon`.
-    pub estimator: &'static str,
+    /// What fills it; in a scene [`Estimator::Path`].
+    pub estimator: Estimator,
     /// Paths for each texel.
     pub rays: u32,
     /// Bands of each layer.
@@ -90,14 +82,11 @@ pub struct References {
     whole: Vec<Radiance>,
     by_bands: BTreeMap<usize, Vec<Radiance>>,
     // Of each lattice, by its texels along the axes.
-    exact: BTreeMap<[usize; 3], Exact>,
+    exact: BTreeMap<[usize; 3], Texels>,
     layers: Layers,
     /// Rays they took.
     pub rays: u64,
 }
-
-/// Transfer of the texels around the points, from many paths.
-type Exact = BTreeMap<[usize; 3], Vec<f32>>;
 
 /// How exact one texture is.
 #[derive(Clone, Debug, PartialEq)]
@@ -122,112 +111,99 @@ impl Study<'_> {
     /// Makes the references for light cut to each of `bands`, and for each of these lattices.
     ///
     /// # Errors
-    /// When there are no points or more bands than the light has coefficients of; as [`direct`] and [`estimates`].
+    /// When there are no points, no light reaches them, or there are more bands than the light has coefficients of; as
+    /// [`crate::transport::direct`] and [`crate::transport::estimates`].
     pub fn references(&self, bands: &[usize], lattices: &[Lattice]) -> Result<References> {
-        if self.points.is_empty() {
-            return Err(Error::argument("points", 0, "at least one point of a surface", "give another isovalue"));
-        }
-        let most = self.coefficients[0].bands();
+        self.surface.check()?;
+        let most = self.surface.coefficients[0].bands();
         if let Some(more) = bands.iter().find(|&&b| b > most) {
             let expected = format!("at most {most}, which the light was projected to");
             return Err(Error::argument("bands", more, expected, "project the light to more bands"));
         }
         let cut: Vec<[Coefficients; 3]> = bands.iter().map(|&b| self.cut_to(b)).collect();
         let limited: Vec<BandLimited<'_>> = cut.iter().map(BandLimited).collect();
-        let mut lights: Vec<&dyn DirectionalSource> = vec![self.light];
+        let mut lights: Vec<&dyn DirectionalSource> = vec![self.surface.light];
         lights.extend(limited.iter().map(|l| l as &dyn DirectionalSource));
-        let settings = DirectSettings { paths: self.paths, albedo: self.albedo, seed: self.seed };
-        let (mut found, counts) = direct(self.volume, self.pyramid, self.isovalue, self.points, &lights, &settings)?;
+        let (mut found, rays) = self.surface.by_paths(&lights, self.paths, self.seed)?;
+        if found.iter().any(|list| list.iter().all(|r| r.mean == [0.0; 3])) {
+            let remedy = "give another environment or isovalue";
+            return Err(Error::argument("light", "none at the surface", "light that reaches it", remedy));
+        }
         let by_bands = bands.iter().copied().zip(found.drain(1..)).collect();
         let whole = found.swap_remove(0);
-        let layers = Layers::uniform(self.layers, most)?;
+        let layers = self.surface.layers_of(Layers::uniform(self.layers, most)?);
         let mut exact = BTreeMap::new();
         for lattice in lattices {
             exact.insert(lattice.texels(), self.exact(*lattice, &layers)?);
         }
-        Ok(References { whole, by_bands, exact, layers, rays: counts.rays })
+        Ok(References { whole, by_bands, exact, layers, rays })
     }
 
     /// The light cut to some bands.
     pub fn cut_to(&self, bands: usize) -> [Coefficients; 3] {
-        std::array::from_fn(|c| self.coefficients[c].truncated(bands))
+        std::array::from_fn(|c| self.surface.coefficients[c].truncated(bands))
     }
 
-    fn exact(&self, lattice: Lattice, layers: &Layers) -> Result<Exact> {
+    fn exact(&self, lattice: Lattice, layers: &Layers) -> Result<Texels> {
         let seed = key(self.seed, 0x0065_7861_6374);
         let settings = Settings { layers: layers.clone(), rays: self.texel_rays, seed, target: None, positive: false };
         self.texels(&Layout { lattice, layers: layers.clone() }, &settings)
     }
 
     /// The texels around the points as `path` makes them, unrounded.
-    fn texels(&self, layout: &Layout, settings: &Settings) -> Result<Exact> {
-        let around = self.points.iter().flat_map(|p| trilinear(layout.lattice, p.position_in_grid));
+    fn texels(&self, layout: &Layout, settings: &Settings) -> Result<Texels> {
+        let around = self.surface.points.iter().flat_map(|p| trilinear(layout.lattice, p.position_in_grid));
         let distinct: BTreeMap<[usize; 3], ()> = around.map(|(texel, _)| (texel, ())).collect();
         let wanted: Vec<([usize; 3], u32)> = distinct.into_keys().map(|texel| (texel, settings.rays)).collect();
-        let selection = Selection::empty(layout.lattice);
-        let (volume, pyramid) = (self.volume, self.pyramid);
-        let found = estimates(&Bake::new(volume, pyramid, layout, settings, &selection), &wanted)?;
-        let valid =
-            wanted.iter().zip(found).filter_map(|((texel, _), found)| Some((*texel, found?.swap_remove(0).transfer)));
-        Ok(valid.collect())
+        self.surface.texels(layout, settings, &wanted)
     }
 
     /// Radiance at the points from texels laid out as `layers`, of which `kept` are used; `otherwise` where none is valid.
     fn interpolated(
         &self,
         lattice: Lattice,
-        texels: &Exact,
+        texels: &Texels,
         layers: &Layers,
         kept: &Layers,
         light: &[Coefficients; 3],
         otherwise: &[[f64; 3]],
     ) -> Vec<[f64; 3]> {
+        let light = self.surface.texel_light(light);
         let lit: BTreeMap<[usize; 3], [f64; 3]> =
-            texels.iter().map(|(t, v)| (*t, radiance_of(layers, v, kept, light, self.albedo))).collect();
+            texels.iter().map(|(t, groups)| (*t, radiance_of(layers, groups, kept, &light))).collect();
         let at = |p: &SurfacePoint| between(&trilinear(lattice, p.position_in_grid), &lit);
-        self.points.iter().zip(otherwise).map(|(p, other)| at(p).unwrap_or(*other)).collect()
+        self.surface.points.iter().zip(otherwise).map(|(p, other)| at(p).unwrap_or(*other)).collect()
     }
 
-    /// What a user sees at the points.
-    fn looked_up(&self, texture: &dyn BrickSource, light: &[Coefficients; 3]) -> Result<Vec<[f64; 3]>> {
-        let light = Light::from_channels(light)?;
-        let material = Material::new(self.albedo, [0.0; 3])?;
-        let bricks = texels_of_isosurface(self.volume, texture.layout().lattice, self.isovalue).bricks();
-        let contracted = contract(&Textures::of_volume(texture)?, &bricks, &light, &material)?;
-        let positions: Vec<[f32; 3]> = self.points.iter().map(|p| p.position_in_grid).collect();
-        let normals: Vec<[f32; 3]> = self.points.iter().map(|p| p.normal).collect();
-        let lit = contracted.look_up(&positions, &normals, &light, &material);
-        if lit.report.unbaked > 0 {
-            let found =
-                format!("{} of {} lookups meet texels that were never baked", lit.report.unbaked, lit.report.lookups);
-            return Err(Error::argument("texture", found, "all texels of the isovalue", "bake it whole"));
-        }
-        Ok(lit.radiance.iter().map(|v| v.map(f64::from)).collect())
-    }
-
-    /// Holds a texture against the references. `baked_by` are the settings of `path`, whose texels are made again;
-    /// `second` is a texture of the same setting and another seed, for an estimator that may be biased.
+    /// Holds a bake against the references: its textures, one a group. `baked_by` are the settings of `path`, whose
+    /// texels are made again; `second` is a bake of the same setting and another seed, for an estimator that may be
+    /// biased.
     ///
     /// # Errors
-    /// When the references lack the texture's lattice or bands; as [`contract`] and [`estimates`].
+    /// When the references lack the texture's lattice or bands; as [`LitSurface::by_textures`] and
+    /// [`crate::transport::estimates`].
     pub fn measure(
         &self,
         references: &References,
-        texture: &dyn BrickSource,
+        textures: &[&dyn BrickSource],
         baked_by: Option<&Settings>,
-        second: Option<&dyn BrickSource>,
+        second: Option<&[&dyn BrickSource]>,
     ) -> Result<Measured> {
-        let basis = self.basis(references, texture.layout())?;
-        let stored = self.looked_up(texture, &basis.light)?;
+        let layout = layout_of(textures)?;
+        let basis = self.basis(references, layout)?;
+        let (stored, _) = self.surface.by_textures(textures, &basis.light)?;
         let again = match baked_by {
             Some(settings) => {
-                let texels = self.texels(texture.layout(), settings)?;
+                let texels = self.texels(layout, settings)?;
                 basis.radiance(&texels, &stored)
             }
             None => stored.clone(),
         };
         let shared = match second {
-            Some(second) => mean_product(&again, &self.looked_up(second, &basis.light)?, &basis.kept(&stored)),
+            Some(second) => {
+                let (second, _) = self.surface.by_textures(second, &basis.light)?;
+                mean_product(&again, &second, &basis.kept(&stored))
+            }
             None => 0.0,
         };
         basis.budget(&stored, &again, shared)
@@ -247,20 +223,26 @@ impl Study<'_> {
     }
 }
 
+/// The layout of a bake.
+fn layout_of<'t>(textures: &[&'t dyn BrickSource]) -> Result<&'t Layout> {
+    let refuse = || Error::argument("textures", 0, "at least that of the environment", "give one a group");
+    textures.first().map(|environment| environment.layout()).ok_or_else(refuse)
+}
+
 /// The references of one layout.
 struct Basis<'a> {
     study: &'a Study<'a>,
     references: &'a References,
     layout: &'a Layout,
     limited: &'a [Radiance],
-    exact: &'a Exact,
+    exact: &'a Texels,
     /// Cut to the bands of the layout.
     light: [Coefficients; 3],
 }
 
 impl Basis<'_> {
     /// Radiance at the points from texels of the layout; `otherwise` where none is valid.
-    fn radiance(&self, texels: &Exact, otherwise: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    fn radiance(&self, texels: &Texels, otherwise: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let Layout { lattice, layers } = self.layout;
         self.study.interpolated(*lattice, texels, layers, layers, &self.light, otherwise)
     }

@@ -1,6 +1,7 @@
 //! What keeping the coefficients in fewer bits costs.
 
-use super::{Exact, Measured, References, Study};
+use super::{Measured, References, Study, layout_of};
+use crate::compare::Texels;
 use crate::error::Result;
 use crate::transfer::precision::include_magnitudes;
 use crate::transfer::{BrickSource, Precision, validity};
@@ -8,8 +9,8 @@ use crate::transport::Settings;
 
 impl Study<'_> {
     /// Holds the texels that `path` bakes with `settings` against the references, once for each way of keeping their
-    /// coefficients, in the order of `kept_as`. `texture` is that bake: the largest magnitudes of its coefficients are
-    /// the scales of [`Precision::Steps`].
+    /// coefficients, in the order of `kept_as`. `textures` are that bake, one a group: the largest magnitudes of its
+    /// coefficients are the scales of [`Precision::Steps`].
     ///
     /// Interpolation and light are written from the definitions, in `f64`: only the coefficients are rounded.
     ///
@@ -18,15 +19,16 @@ impl Study<'_> {
     pub fn measure_kept_as(
         &self,
         references: &References,
-        texture: &dyn BrickSource,
+        textures: &[&dyn BrickSource],
         settings: &Settings,
         kept_as: &[Precision],
     ) -> Result<Vec<Measured>> {
-        let basis = self.basis(references, texture.layout())?;
-        let texels = self.texels(texture.layout(), settings)?;
-        let otherwise = self.looked_up(texture, &basis.light)?;
+        let layout = layout_of(textures)?;
+        let basis = self.basis(references, layout)?;
+        let texels = self.texels(layout, settings)?;
+        let (otherwise, _) = self.surface.by_textures(textures, &basis.light)?;
         let again = basis.radiance(&texels, &otherwise);
-        let largest = largest_magnitudes(texture)?;
+        let largest = textures.iter().map(|t| largest_magnitudes(*t)).collect::<Result<Vec<_>>>()?;
         let each = kept_as.iter().map(|precision| {
             let stored = basis.radiance(&read_back(&texels, *precision, &largest), &otherwise);
             basis.budget(&stored, &again, 0.0)
@@ -50,8 +52,10 @@ pub(super) fn largest_magnitudes(texture: &dyn BrickSource) -> Result<Vec<f32>> 
     Ok(largest.into_iter().map(|l| l + Precision::Half.largest_error(l)).collect())
 }
 
-fn read_back(texels: &Exact, precision: Precision, largest: &[f32]) -> Exact {
-    let rounded =
-        |transfer: &Vec<f32>| transfer.iter().zip(largest).map(|(&t, &l)| precision.read_back(t, l)).collect();
-    texels.iter().map(|(texel, transfer)| (*texel, rounded(transfer))).collect()
+/// Texels with their coefficients read back; `largest` are the scales of each group.
+fn read_back(texels: &Texels, precision: Precision, largest: &[Vec<f32>]) -> Texels {
+    let rounded = |(transfer, largest): (&Vec<f32>, &Vec<f32>)| {
+        transfer.iter().zip(largest).map(|(&t, &l)| precision.read_back(t, l)).collect()
+    };
+    texels.iter().map(|(texel, groups)| (*texel, groups.iter().zip(largest).map(rounded).collect())).collect()
 }

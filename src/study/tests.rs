@@ -1,12 +1,12 @@
 use super::front::{Price, cost_at, front};
 use super::*;
 
+use crate::level::Pyramid;
 use crate::sampling::hash::uniform;
 use crate::sampling::statistics::log_log_slope;
 use crate::transfer::precision::bytes_of_texel;
-use crate::transfer::{MemoryTexture, Precision, Steps};
-use crate::transport::{Progress, bake};
-use crate::volume::field;
+use crate::transfer::{Precision, Steps};
+use crate::volume::{Volume, field};
 
 fn price(cost: f64, error: f64) -> Price {
     Price { cost, error }
@@ -52,22 +52,9 @@ fn points(volume: &Volume, isovalue: f64, count: usize, from_box: f32) -> Vec<Su
         .collect()
 }
 
-fn baked(study: &Study<'_>, settings: &Settings, ratio: f64) -> MemoryTexture {
-    let lattice = Lattice::from_ratio(study.volume.dims(), ratio).unwrap();
-    let layout = Layout { lattice, layers: settings.layers.clone() };
-    let selection = texels_of_isosurface(study.volume, lattice, study.isovalue);
-    let (volume, pyramid) = (study.volume, study.pyramid);
-    let job = Bake::new(volume, pyramid, &layout, settings, &selection);
-    let mut texture = MemoryTexture::new(layout.clone());
-    bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut |chunk, mut groups| {
-        texture.insert_chunk(chunk, groups.swap_remove(0))
-    })
-    .unwrap();
-    texture
-}
-
-fn settings(rays: u32, layers: &Layers) -> Settings {
-    Settings { layers: layers.clone(), rays, seed: 5, target: None, positive: false }
+fn baked(study: &Study<'_>, bands: &[usize], rays: u32, ratio: f64) -> Baked {
+    let setting = Setting { estimator: Estimator::Path, rays, bands: bands.to_vec(), ratio, kept_as: Precision::Half };
+    study.bake(&setting, 5, &|| [0.0; 2]).unwrap()
 }
 
 /// A surface under a light, from which studies of it are made.
@@ -101,19 +88,20 @@ impl Ground {
     }
 
     fn study<'a>(&'a self, light: &'a dyn DirectionalSource, paths: u32, texel_rays: u32, layers: usize) -> Study<'a> {
-        Study {
+        let surface = LitSurface {
             volume: &self.volume,
             pyramid: &self.pyramid,
+            geometry: None,
+            caustics: true,
             isovalue: self.isovalue,
             points: &self.points,
             light,
             coefficients: &self.coefficients,
             albedo: [0.7; 3],
-            paths,
-            texel_rays,
-            layers,
-            seed: 11,
-        }
+            emission: [0.0; 3],
+            scales: &[],
+        };
+        Study { surface, paths, texel_rays, layers, seed: 11 }
     }
 }
 
@@ -133,12 +121,10 @@ fn noise_falls_with_the_order_of_the_points_and_the_rows_sum_to_the_whole() {
     let study = ground.study(&source, 64, 8192, 4);
     let lattice = Lattice::from_ratio(ground.volume.dims(), 1.0).unwrap();
     let references = study.references(&[2], &[lattice]).unwrap();
-    let layers = Layers::uniform(3, 2).unwrap();
     let mut ladder = Vec::new();
     for rays in [16, 64, 256] {
-        let settings = settings(rays, &layers);
-        let texture = baked(&study, &settings, 1.0);
-        let found = study.measure(&references, &texture, Some(&settings), None).unwrap();
+        let Baked { textures, settings, .. } = baked(&study, &[2; 3], rays, 1.0);
+        let found = study.measure(&references, &textures.sources(), Some(&settings), None).unwrap();
         ladder.push((f64::from(rays), found.row("noise").sqrt()));
         assert_rows_sum(&found);
         // Half precision of the stored numbers: 2⁻¹¹ of each.
@@ -162,14 +148,14 @@ fn fewer_bits_err_no_more_than_their_steps() {
     let lattice = Lattice::from_ratio(ground.volume.dims(), 1.0).unwrap();
     let references = study.references(&[2], &[lattice]).unwrap();
     let layers = Layers::uniform(3, 2).unwrap();
-    let settings = settings(64, &layers);
-    let texture = baked(&study, &settings, 1.0);
+    let Baked { textures, settings, .. } = baked(&study, &[2; 3], 64, 1.0);
+    let textures = textures.sources();
     let kinds = [Precision::Single, Precision::Half, Precision::Steps(Steps::TWELVE), Precision::Steps(Steps::BYTE)];
-    let found = study.measure_kept_as(&references, &texture, &settings, &kinds).unwrap();
+    let found = study.measure_kept_as(&references, &textures, &settings, &kinds).unwrap();
     found.iter().for_each(assert_rows_sum);
     let rounding: Vec<f64> = found.iter().map(|m| m.row("rounding").sqrt()).collect();
     assert_eq!(rounding[0], 0.0);
-    let largest = storage::largest_magnitudes(&texture).unwrap();
+    let largest = storage::largest_magnitudes(textures[0]).unwrap();
     let mean = means(&references.whole).iter().flatten().sum::<f64>() / 900.0;
     for (precision, rms) in kinds.iter().zip(&rounding) {
         let of_layer = |k: usize| -> f64 {
@@ -186,7 +172,7 @@ fn fewer_bits_err_no_more_than_their_steps() {
     let ratio = rounding[3] / rounding[2];
     assert!((8.0..32.0).contains(&ratio), "{rounding:?}");
     // The runtime's lookup of the stored halves adds nothing to their rounding that would show.
-    let stored = study.measure(&references, &texture, Some(&settings), None).unwrap().row("rounding").sqrt();
+    let stored = study.measure(&references, &textures, Some(&settings), None).unwrap().row("rounding").sqrt();
     assert!((stored / rounding[1] - 1.0).abs() < 0.05, "{stored} against {}", rounding[1]);
     assert_eq!(bytes_of_texel(&layers, Precision::Half), f64::from(2 * 12 + 2 * 6 + 5));
 }
@@ -199,8 +185,10 @@ fn interpolation_errs_as_the_square_of_the_texel() {
     let ground = Ground::new(volume, -0.7, 400, "gradient", 3);
     let source = ground.source();
     let study = ground.study(&source, 4, 4, 1);
-    let layers = Layers::uniform(1, 3).unwrap();
-    let lit = |ratio: f64| study.looked_up(&baked(&study, &settings(4, &layers), ratio), &ground.coefficients).unwrap();
+    let lit = |ratio: f64| {
+        let Baked { textures, .. } = baked(&study, &[3], 4, ratio);
+        study.surface.by_textures(&textures.sources(), &ground.coefficients).unwrap().0
+    };
     // Texels of 16, 8 and 4 samples against those of one, whose own error is the 16th part of the least.
     let finest = lit(1.0);
     let ladder: Vec<(f64, f64)> = [1.0 / 16.0, 1.0 / 8.0, 1.0 / 4.0]

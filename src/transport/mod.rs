@@ -28,7 +28,7 @@ mod sums;
 mod tests;
 
 pub use bake::{Bake, ChunkBricks, Present, Progress, Sink, bake, bake_brick, estimates, pilot, trial};
-pub use direct::{DirectSettings, Radiance, SurfacePoint, direct};
+pub use direct::{Radiance, SurfacePoint, buried, direct};
 pub use estimator::BrickOutput;
 pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};
 pub use path::{Settings, Target, TexelEstimate, radiance_weights};

@@ -4,6 +4,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod compare_scenes;
 mod hard_cases;
 mod hard_environments;
 mod hard_rays;

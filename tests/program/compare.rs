@@ -123,3 +123,113 @@ fn placements_are_studied() {
         assert!(found == code && said.contains(word), "{line}: {found}, {said}");
     }
 }
+
+/// A bump box under a lamp in a room, of which one wall has this albedo.
+fn room(albedo: f64) -> String {
+    format!(
+        "volume = \"bumpbox:16\"\nmetres_per_unit = 1.0\nisovalues = [47]\n[bake]\nrays = 16\nlayers = 3\nbands = 2\n\
+         [[walls]]\nname = \"room\"\nshape = \"room\"\nmin = [0, 0, 0]\nmax = [1, 1, 1]\nalbedo = 0.5\nopen = [\"+z\"]\n\
+         faces = {{ \"-x\" = [{albedo}, 0.1, 0.1] }}\n[[luminaires]]\nname = \"lamp\"\nshape = \"rectangle\"\n\
+         corner = [0.3, 0.0, 0.3]\nu = [0.0, 0.0, 0.4]\nv = [0.4, 0.0, 0.0]\npower = 3\n"
+    )
+}
+
+/// Of every row of a comparison the rows of its budget sum to the square of its error; the mean radiances.
+fn means_of_sums(found: &Value) -> Vec<f64> {
+    let rows = found["rows"].as_array().expect("rows").iter();
+    let mean = |row: &Value| {
+        let parts = row["budget_mean_square"].as_object().expect("a budget");
+        let total: f64 = parts.values().filter_map(Value::as_f64).sum();
+        let rms = row["whole"]["relative_rms"]["value"].as_f64().expect("a number");
+        assert!(parts.len() == 5 && (total - rms * rms).abs() < 1e-9, "{row}");
+        row["mean_radiance"].as_f64().expect("a number")
+    };
+    rows.map(mean).collect()
+}
+
+#[test]
+fn a_scene_is_compared_with_the_walls_that_it_was_baked_of() {
+    let bench = Bench::new();
+    bench.write("room.toml", room(0.6));
+    bench.write("other.toml", room(0.3));
+    bench.run("bake room.toml -o r.isolume");
+    let line = "compare r.isolume --isovalue 47 --points 100 --paths 16 --texel-rays 32";
+    let both = bench.json(&format!("{line} --scene room.toml --env constant:0 --env gradient --env constant:0"));
+    let means = means_of_sums(&both);
+    assert!(means[1] > means[0] && means[0] == means[2], "{means:?}");
+    // The lamp alone, which is the light of a store that has one; all is linear in its power.
+    let (once, twice) = ("--scene room.toml", "--scene room.toml --luminaire lamp=2");
+    let [once, twice] = [once, twice].map(|scene| means_of_sums(&bench.json(&format!("{line} {scene}")))[0]);
+    assert!(once == means[0] && (twice / once - 2.0).abs() < 1e-9, "{once} {twice}");
+    for (rest, words) in [
+        ("", "--scene"),
+        ("--scene other.toml", "fingerprint"),
+        ("--scene absent.toml", "absent.toml"),
+        ("--scene room.toml --luminaire lam=2", "did you mean lamp?"),
+        ("--scene room.toml --against photon", "photons among walls are not built yet"),
+        ("--scene room.toml --volume bumps", "one alone"),
+    ] {
+        let said = bench.refuses(&format!("{line} {rest}"));
+        assert!(said.contains(words), "{rest}: {said}");
+    }
+    // A volume alone has no walls.
+    bench.run("bake bumpbox:16 --isovalues 47 --rays 4 --layers 1 --bands 1 -o alone.isolume");
+    let said = bench.refuses("compare alone.isolume --isovalue 47 --env constant --scene room.toml");
+    assert!(said.contains("those of the store: none"), "{said}");
+}
+
+#[test]
+fn volumes_baked_together_are_compared_each_among_the_others() {
+    let bench = Bench::new();
+    bench.write(
+        "pair.toml",
+        "coupling = [[47, 0.6]]\n[bake]\nrays = 16\nlayers = 3\nbands = 3\n[[volumes]]\nname = \"bumps\"\n\
+         volume = \"bumpbox:16\"\n[[volumes]]\nname = \"gyroid\"\nvolume = \"gyroid:12\"\nscale = 0.3\n\
+         translate = [0.35, 0.08, 0.35]\nalbedo = [0.3, 0.5, 1.0]\n[probe]\nname = \"sky\"\n",
+    );
+    bench.run("bake pair.toml -o p.isolume");
+    let line = "compare p.isolume --env gradient --points 100 --paths 16 --texel-rays 32";
+    let found = bench.json(&format!("{line} --isovalue 47"));
+    let names: Vec<&str> =
+        found["rows"].as_array().expect("rows").iter().filter_map(|r| r["volume"].as_str()).collect();
+    let means = means_of_sums(&found);
+    assert!(names == ["bumps", "gyroid"] && means.iter().all(|m| *m > 0.0), "{names:?} {means:?}");
+    assert_eq!(found["rows"][1]["isovalue"].as_f64(), Some(0.6));
+    // The same by the name of the other, alone; its description says no more than the store.
+    for rest in ["--isovalue gyroid=0.6", "--isovalue 0.6 --volume gyroid", "--isovalue 47 --scene pair.toml"] {
+        let again = bench.json(&format!("{line} {rest}"));
+        assert_eq!(means_of_sums(&again).last(), means.last(), "{rest}");
+    }
+    for (rest, words) in [
+        ("--isovalue 30", "no partner"),
+        ("--isovalue 47 --png x.png", "--volume NAME"),
+        ("--isovalue 47 --against photon", "photons among walls are not built yet"),
+    ] {
+        let said = bench.refuses(&format!("{line} {rest}"));
+        assert!(said.contains(words), "{rest}: {said}");
+    }
+    bench.run(&format!("{line} --isovalue 0.6 --volume gyroid --png x.png --size 30x20"));
+    assert!(bench.bytes("x.png").len() > 100);
+}
+
+#[test]
+fn scenes_are_studied_and_forecast() {
+    let bench = Bench::new();
+    bench.write("room.toml", room(0.6));
+    let study = "study room.toml --isovalue 47 --quick --points 20 --paths 4 --texel-rays 4 --most-rays 16";
+    let found = bench.json(&format!("{study} -o s"));
+    let rows = found["rows"].as_array().expect("rows");
+    // Scenes are baked by path; photons and the cache know no walls.
+    assert!(!rows.is_empty() && rows.iter().all(|row| row["estimator"] == "path"), "{found}");
+    let sum = |row: &Value| {
+        row["budget_mean_square"].as_object().expect("a budget").values().filter_map(Value::as_f64).sum::<f64>()
+    };
+    assert!(rows.iter().all(|row| (sum(row) - row["rms"].as_f64().expect("a number").powi(2)).abs() < 1e-9), "{found}");
+    assert_eq!(found["environment"], "constant:0");
+    let plan = bench.json("plan room.toml --time 1h");
+    let chosen = &plan["forecast"]["chosen"];
+    assert!(chosen["rays"].as_u64() >= Some(4) && chosen["error"].as_f64() > Some(0.0), "{chosen}");
+    // An hour is time enough wherever the test runs, and what is chosen is baked.
+    bench.run("bake room.toml --auto 1h -o a.isolume");
+    assert!(bench.path("a.isolume/zarr.json").exists());
+}

@@ -124,7 +124,7 @@ pub(super) fn table(rows: &[Row]) -> String {
             |d: &crate::compare::Figure| format!("{} ± {}", text::percent(d.value), text::percent(d.half_interval));
         let bias = |d: &crate::compare::Figure| format!("{:+.2} ± {:.2} %", 100.0 * d.value, 100.0 * d.half_interval);
         lines.push(vec![
-            text::number(row.isovalue, 6),
+            row.surface(),
             row.env.clone(),
             percent(&p.store.relative_rms),
             bias(&p.store.bias),

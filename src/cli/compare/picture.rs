@@ -3,7 +3,7 @@
 use crate::cli::inputs::Inputs;
 use crate::cli::output::{self, Target};
 use crate::cli::{Outcome, picture, text};
-use crate::compare::{PhotonQuestion, Question, by_store};
+use crate::compare::{LitSurface, PhotonQuestion, Question, by_store};
 use crate::error::{Error, Result};
 use crate::export::gltf::GltfOptions;
 use crate::export::png::PngOptions;
@@ -13,7 +13,7 @@ use crate::relight::Exposure;
 use crate::render::{SeenPoint, seen_points};
 use crate::scene::Colormap;
 use crate::session::Isosurface;
-use crate::transport::{DirectSettings, SurfacePoint, direct};
+use crate::transport::{SurfacePoint, buried};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -98,6 +98,17 @@ impl PictureOutput {
         Ok(pngs.into_iter().zip(glbs).map(|(png, glb)| Files { png, glb }).collect())
     }
 
+    /// The files of several volumes: none.
+    pub(super) fn none(&self) -> Result<Vec<Files>> {
+        match self.png.as_ref().or(self.glb.as_ref()) {
+            None => Ok(Vec::new()),
+            Some(path) => {
+                let expected = "one volume: a picture of a comparison shows one";
+                Err(Error::argument("output", path.display(), expected, "add --volume NAME"))
+            }
+        }
+    }
+
     /// Computes both answers anew at the pixels and at the vertices, and writes what is asked for.
     pub(super) fn write(&self, files: &Files, shown: &Shown<'_>) -> Outcome {
         if let Some(target) = &files.png {
@@ -110,7 +121,7 @@ impl PictureOutput {
     }
 
     fn write_png(&self, path: &Path, shown: &Shown<'_>) -> Outcome {
-        let (q, mean) = (shown.question, shown.mean);
+        let (q, mean) = (&shown.question.surface, shown.mean);
         let (width, height) = self.seen.size;
         picture::check_size((3 * width, height), None)?;
         let (view, projection) = (self.seen.view.view(q.volume.up), self.seen.projection());
@@ -156,7 +167,7 @@ impl PictureOutput {
     }
 
     fn write_glb(&self, path: &Path, shown: &Shown<'_>) -> Outcome {
-        let (q, surface, mean) = (shown.question, shown.surface, shown.mean);
+        let (q, surface, mean) = (&shown.question.surface, shown.surface, shown.mean);
         let mesh = surface.mesh();
         let vertices = mesh.positions_in_grid.iter().zip(&mesh.normals);
         let points: Vec<SurfacePoint> =
@@ -187,18 +198,23 @@ impl Shown<'_> {
         if self.photons.is_some() { "photons" } else { "paths" }
     }
 
-    /// Both answers at points of the surface.
+    /// Both answers at points of the surface; black where another volume buries it.
     fn differences(&self, points: &[SurfacePoint]) -> Result<Differences> {
-        let q = &Question { points, ..*self.question };
-        let (store, _) = by_store(q)?;
-        let reference: Vec<[f64; 3]> = match self.photons {
+        let q = &Question { surface: LitSurface { points, ..self.question.surface }, ..*self.question };
+        let surface = &q.surface;
+        let (mut store, _) = by_store(q)?;
+        let mut reference: Vec<[f64; 3]> = match self.photons {
             Some(photons) => photons.answer(q)?.0.iter().map(|r| r.mean).collect(),
             None => {
-                let settings = DirectSettings { paths: q.paths, albedo: q.albedo, seed: q.seed };
-                let (found, _) = direct(q.volume, q.pyramid, q.isovalue, points, &[q.light], &settings)?;
+                let (found, _) = surface.by_paths(&[surface.light], q.paths, q.seed)?;
                 found.iter().flatten().map(|r| r.mean).collect()
             }
         };
+        if let Some(geometry) = surface.geometry {
+            let buried = buried(surface.volume, surface.pyramid, geometry, surface.isovalue, points);
+            let hidden = buried.into_iter().enumerate().filter(|(_, buried)| *buried);
+            hidden.for_each(|(i, _)| (store[i], reference[i]) = ([0.0; 3], [0.0; 3]));
+        }
         let relative = store.iter().zip(&reference).map(|(a, b)| {
             let difference = (0..3).map(|c| a[c] - b[c]).sum::<f64>() / 3.0;
             if self.mean > 0.0 { difference / self.mean } else { 0.0 }

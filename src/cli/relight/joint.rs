@@ -19,7 +19,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 /// The isovalue of each volume, and how the first one's came about.
-pub(super) fn resolve(session: &Session<'_>, named: &NamedIsovalue) -> Result<(Chosen, Vec<f64>)> {
+pub(in crate::cli) fn resolve(session: &Session<'_>, named: &NamedIsovalue) -> Result<(Chosen, Vec<f64>)> {
     let from = named.volume.as_ref().map_or(Ok(0), |name| session.member(name)).map_err(by_option)?;
     let members = session.members();
     let of = &members[from];

@@ -6,6 +6,8 @@ mod lobes;
 mod report;
 mod work;
 
+pub(super) use joint::resolve;
+
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::inputs::Inputs;
@@ -324,7 +326,7 @@ impl Relight {
         let up = self.volume.options().up_of(session.up())?;
         let session = session.with_up(up);
         let volume = session.members()[0].volume();
-        let resolved = self.isovalue.iter().map(|i| joint::resolve(&session, i)).collect::<Result<Vec<_>, Error>>()?;
+        let resolved = self.isovalue.iter().map(|i| resolve(&session, i)).collect::<Result<Vec<_>, Error>>()?;
         let (chosen, isovalues): (Vec<Chosen>, Vec<Vec<f64>>) = resolved.into_iter().unzip();
         let work = Work::new(self, volume, &chosen, probes, start, console)?;
         work.light_in(&session, &isovalues, transport_rays, Vec::new())

@@ -1,9 +1,10 @@
 //! What a study prints and writes.
 
-use super::super::forecast::Weighed;
 use super::super::text;
 use super::{BANDS, KEPT, Row};
+use crate::bake::Estimator;
 use crate::study::figure::{Kept, Mark, rungs, seconds_at};
+use crate::study::forecast::Weighed;
 use crate::study::model::Forecast;
 use serde_json::{Value, json};
 
@@ -20,7 +21,7 @@ pub(super) fn csv(rows: &[Row]) -> String {
         let total: f64 = m.budget.iter().map(|b| b.mean_square).sum();
         out += &format!(
             "{},{},{bands},{},{},{:.4},{:.4},{},{},{},{:.6},{:.6},{:.6},{:.6},{:.6},{},{total:e}\n",
-            s.estimator,
+            s.estimator.name(),
             s.rays,
             s.ratio,
             s.kept_as.name(),
@@ -44,7 +45,7 @@ pub(super) fn row_json(r: &Row) -> Value {
     let budget: serde_json::Map<_, _> =
         r.measured.budget.iter().map(|b| (b.name.to_string(), json!(b.mean_square))).collect();
     json!({
-        "curve": r.curve, "estimator": r.setting.estimator, "rays": r.setting.rays, "bands": r.setting.bands,
+        "curve": r.curve, "estimator": r.setting.estimator.name(), "rays": r.setting.rays, "bands": r.setting.bands,
         "ratio": r.setting.ratio, "kept_as": r.setting.kept_as.name(), "wall_seconds": r.wall, "cpu_seconds": r.cpu, "transport_rays": r.rays,
         "texels": r.texels, "bytes": r.bytes,
         "rms": r.measured.whole.relative_rms.value,
@@ -55,7 +56,7 @@ pub(super) fn row_json(r: &Row) -> Value {
 
 /// The forecast for a bake by `path` of the default layers.
 fn forecast_of(row: &Row, pilots: &[Weighed]) -> Option<Forecast> {
-    let fits = row.setting.estimator == "path" && row.setting.bands == BANDS && row.curve != KEPT;
+    let fits = row.setting.estimator == Estimator::Path && row.setting.bands == BANDS && row.curve != KEPT;
     let pilot = pilots.iter().find(|w| fits && w.ratio == row.setting.ratio)?;
     Some(pilot.pilot.forecast(row.setting.rays))
 }

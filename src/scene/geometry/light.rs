@@ -280,13 +280,13 @@ impl Geometry {
 
     /// Density per steradian with which [`Self::arriving`] draws the direction in which a ray from `at` met luminaire `l` at
     /// a distance and a cosine; 0 for those that have no area.
-    pub fn light_density(&self, l: usize, at: DVec3, distance: f64, cosine: f64) -> f64 {
+    pub(crate) fn light_density(&self, l: usize, at: DVec3, distance: f64, cosine: f64) -> f64 {
         self.emitters[l].density(at, distance, cosine)
     }
 
     /// The first luminaire with a body of its own on a ray, where it is not behind `limit`: within rounding it comes
     /// before a wall that it lies in.
-    pub fn first_luminaire(&self, origin: DVec3, direction: DVec3, limit: f64) -> Option<LightHit> {
+    pub(crate) fn first_luminaire(&self, origin: DVec3, direction: DVec3, limit: f64) -> Option<LightHit> {
         let limit = limit * (1.0 + TOUCHING) + self.nearest_allowed;
         let mut best: Option<LightHit> = None;
         for (luminaire, emitter) in self.emitters.iter().enumerate() {
@@ -299,7 +299,7 @@ impl Geometry {
     }
 
     /// The cosine under which a ray meets the front of luminaire `l` at a point.
-    pub fn light_cosine(&self, l: usize, point: DVec3, direction: DVec3) -> f64 {
+    pub(crate) fn light_cosine(&self, l: usize, point: DVec3, direction: DVec3) -> f64 {
         match &self.emitters[l].body {
             Body::Parts { parts, .. } => -parts[0].normal(point).dot(direction),
             Body::Sphere { centre, .. } => -(point - *centre).normalize_or_zero().dot(direction),
@@ -308,15 +308,22 @@ impl Geometry {
     }
 
     /// Radiance of the front of a wall that is luminaire `l`.
-    pub fn wall_radiance(&self, l: usize) -> [f64; 3] {
+    pub(crate) fn wall_radiance(&self, l: usize) -> [f64; 3] {
         self.emitters[l].strength
     }
 
-    /// Whether the body of a luminaire other than `l` stands between.
-    pub fn is_shaded_by_luminaires(&self, l: usize, origin: DVec3, direction: DVec3, limit: f64) -> bool {
+    /// Whether the body of a luminaire stands between, other than that of `l`, from which the light comes.
+    pub(crate) fn is_shaded_by_luminaires(
+        &self,
+        l: Option<usize>,
+        origin: DVec3,
+        direction: DVec3,
+        limit: f64,
+    ) -> bool {
         let limit = limit * (1.0 - TOUCHING);
         self.emitters.iter().enumerate().any(|(other, emitter)| {
-            other != l && emitter.meet(origin, direction).is_some_and(|(t, _)| t < limit && t > self.nearest_allowed)
+            Some(other) != l
+                && emitter.meet(origin, direction).is_some_and(|(t, _)| t < limit && t > self.nearest_allowed)
         })
     }
 

@@ -208,12 +208,12 @@ impl Geometry {
     }
 
     /// Whether any wall is a mirror or glass.
-    pub fn has_specular(&self) -> bool {
+    pub(crate) fn has_specular(&self) -> bool {
         self.finishes.iter().any(Finish::is_specular)
     }
 
     /// The flat parts of all mirrors; `None` where something specular is not flat: glass, or a mirror that is a sphere.
-    pub fn flat_mirrors(&self) -> Option<Vec<FlatMirror>> {
+    pub(crate) fn flat_mirrors(&self) -> Option<Vec<FlatMirror>> {
         let specular = (0..self.primitives.len()).filter(|&i| self.finishes[i].is_specular());
         let mirror = |i: usize| match (&self.primitives[i], self.finishes[i]) {
             (Primitive::Rectangle(flat) | Primitive::Triangle(flat), Finish::Mirror(share)) => {
@@ -261,7 +261,7 @@ impl Geometry {
     }
 
     /// Whether a wall stands between the origin and `limit`; `from` is the part the ray starts on.
-    pub fn is_walled(&self, origin: DVec3, direction: DVec3, from: Option<u32>, limit: f64) -> bool {
+    pub(crate) fn is_walled(&self, origin: DVec3, direction: DVec3, from: Option<u32>, limit: f64) -> bool {
         let limit = limit * (1.0 - TOUCHING);
         let blocks = |part: u32| self.distance_to(part, origin, direction, from).is_some_and(|t| t < limit);
         match &self.hierarchy {
@@ -272,7 +272,7 @@ impl Geometry {
 
     /// A point of a rectangle and its normal, by the number of the part and coordinates along the edges; `None` for other
     /// parts.
-    pub fn on_rectangle(&self, part: u32, [u, v]: [f64; 2]) -> Option<(DVec3, DVec3)> {
+    pub(crate) fn on_rectangle(&self, part: u32, [u, v]: [f64; 2]) -> Option<(DVec3, DVec3)> {
         match self.primitives.get(part as usize) {
             Some(Primitive::Rectangle(flat)) => Some((flat.corner + u * flat.u + v * flat.v, flat.normal)),
             _ => None,
@@ -280,7 +280,7 @@ impl Geometry {
     }
 
     /// The inverse of [`Self::on_rectangle`]: coordinates along the edges of a point of the plane.
-    pub fn along_rectangle(&self, part: u32, point: DVec3) -> Option<[f64; 2]> {
+    pub(crate) fn along_rectangle(&self, part: u32, point: DVec3) -> Option<[f64; 2]> {
         match self.primitives.get(part as usize) {
             Some(Primitive::Rectangle(flat)) => Some(flat.coordinates(point)),
             _ => None,
@@ -303,7 +303,13 @@ impl Geometry {
     }
 
     /// How far along a ray a part is met; `from` is the part it starts on.
-    pub fn distance_to_part(&self, part: u32, origin: DVec3, direction: DVec3, from: Option<u32>) -> Option<f64> {
+    pub(crate) fn distance_to_part(
+        &self,
+        part: u32,
+        origin: DVec3,
+        direction: DVec3,
+        from: Option<u32>,
+    ) -> Option<f64> {
         self.distance_to(part, origin, direction, from)
     }
 

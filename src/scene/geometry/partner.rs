@@ -94,7 +94,7 @@ impl Geometry {
     }
 
     /// The box of all walls and partners; empty if there is none.
-    pub fn bounds_with_partners(&self) -> Bounds {
+    pub(crate) fn bounds_with_partners(&self) -> Bounds {
         self.partners.iter().fold(self.bounds(), |all, partner| {
             let own = partner.volume.world_bounds();
             all.including(own.min).including(own.max)

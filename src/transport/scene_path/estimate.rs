@@ -205,7 +205,7 @@ impl<T: Sample> Path<'_, '_, T> {
             let Some(light) = self.world.geometry.arriving(l, at.origin.in_world, u) else { continue };
             let cosine = light.direction.dot(at.normal.vec().as_dvec3());
             if cosine <= 0.0
-                || !self.world.sees(self.isovalues, &at.origin, l, light.direction, light.distance, level, counts)
+                || !self.world.sees(self.isovalues, &at.origin, Some(l), light.direction, light.distance, level, counts)
             {
                 continue;
             }

@@ -105,7 +105,7 @@ impl<T: Sample> Images<'_, '_, T> {
         }
         parts.push((origin, direction, rest));
         let free = parts.iter().all(|(origin, direction, distance)| {
-            self.world.sees(self.isovalues, origin, self.luminaire, *direction, *distance, level, counts)
+            self.world.sees(self.isovalues, origin, Some(self.luminaire), *direction, *distance, level, counts)
         });
         let value = |c: usize| chain.iter().fold(light.value[c], |v, mirror| v * mirror.reflectance[c]);
         free.then(|| (first, std::array::from_fn(value)))

@@ -20,9 +20,11 @@ mod world;
 pub(super) use among::Among;
 pub use estimate::{MOST_SPECULAR, MOST_TURNS};
 pub use photons::{PowerBalance, trace_photons};
+pub(super) use reference::Tracer;
 pub use reference::{SceneReference, scene_radiance};
 pub use sites::{LevelSite, site_radiance};
 pub use world::SceneCounts;
+pub(super) use world::World;
 
 use crate::scene::geometry::Geometry;
 

@@ -1,8 +1,11 @@
-//! Radiance along rays through a scene, by path tracing of the whole light transport: the reference of the transfer.
+//! Radiance along rays through a scene and from points of a surface, by path tracing of the whole light transport: the
+//! reference of the transfer. A volume alone is a scene with nothing around it.
 //!
-//! It shares with the bake what a ray meets and nothing else: no layers, no harmonics, no texture, no multiple importance
-//! sampling. Luminaires are sampled at every diffuse turn and not counted where a path happens on them after it; or, as a
-//! slow twin, they are found only so.
+//! It shares with the bake what a ray meets and nothing else: no layers, no harmonics, no texture. Luminaires are
+//! sampled at every diffuse turn and not counted where a path happens on them after it; or, as a slow twin, they are
+//! found only so. Distant light is sampled in two ways, by the light's own density and by the cosine, combined by the
+//! balance heuristic (Veach and Guibas 1995, eq. 9: multiple importance sampling), so that a small sun and a bright sky
+//! both converge. Unbiased for any light and any number of bounces: long paths end by Russian roulette.
 
 use super::super::REPLICATES;
 use super::super::direct::Radiance;
@@ -40,7 +43,13 @@ pub struct SceneReference {
 }
 
 impl SceneReference {
-    pub(super) fn check(&self) -> Result<()> {
+    /// Without emission, with all luminaires at their power, sampled.
+    pub fn new(paths: u32, albedo: [f32; 3], seed: u64) -> Self {
+        let (emission, scales) = ([0.0; 3], Vec::new());
+        Self { paths, albedo, emission, scales, samples_luminaires: true, sees_through_backs: false, seed }
+    }
+
+    pub(in super::super) fn check(&self) -> Result<()> {
         if !self.paths.is_power_of_two() || self.paths < REPLICATES as u32 {
             return Err(Error::argument("paths", self.paths, "a power of two, at least 4", "256 is a good reference"));
         }
@@ -80,7 +89,7 @@ pub fn scene_radiance(
         let field = LevelField::new(volume, s, pyramid);
         let world = World::new(volume, &field, geometry);
         let isovalues = world.isovalues(raw);
-        let tracer = Tracer { world, isovalues, environment, settings };
+        let tracer = Tracer { world, isovalues, environments: environment.as_slice(), settings };
         rays.par_iter()
             .enumerate()
             .map(|(i, &(origin, direction))| {
@@ -94,51 +103,78 @@ pub fn scene_radiance(
     Ok((each.into_iter().map(|(radiance, _)| radiance).collect(), counts))
 }
 
-pub(super) struct Tracer<'a, T> {
-    pub(super) world: World<'a, T>,
-    pub(super) isovalues: Isovalues,
-    pub(super) environment: Option<&'a dyn DirectionalSource>,
-    pub(super) settings: &'a SceneReference,
+pub(in super::super) struct Tracer<'a, T> {
+    pub(in super::super) world: World<'a, T>,
+    pub(in super::super) isovalues: Isovalues,
+    /// Radiance is found under each of them; all share the paths.
+    pub(in super::super) environments: &'a [&'a dyn DirectionalSource],
+    pub(in super::super) settings: &'a SceneReference,
+}
+
+/// Where a path turns: its place, and the normal towards the lit side.
+type Turn = (Origin, Normal);
+
+/// Sums of what paths bring.
+#[derive(Clone)]
+struct Brought {
+    /// From luminaires, and from level sets that emit.
+    near: [f64; 3],
+    /// From each environment.
+    distant: Vec<[f64; 3]>,
+}
+
+fn add(sum: &mut [f64; 3], weight: &[f64; 3], light: [f64; 3], factor: f64) {
+    (0..3).for_each(|c| sum[c] += weight[c] * light[c] * factor);
 }
 
 impl<T: Sample> Tracer<'_, T> {
     fn along(&self, origin: DVec3, direction: DVec3, item: u64, counts: &mut SceneCounts) -> Option<Radiance> {
         let origin = self.first_origin(origin, direction, counts)?;
-        Some(self.mean(origin, direction, None, item, counts))
+        self.mean(origin, direction, None, item, counts).first().copied()
     }
 
-    /// Radiance that leaves a point of the level set, towards anywhere: it is diffuse.
-    pub(super) fn leaving(&self, at: CellPoint, item: u64, counts: &mut SceneCounts) -> Radiance {
+    /// Radiance that leaves a point of the level set, towards anywhere: it is diffuse. One entry an environment, one
+    /// where there is none.
+    pub(in super::super) fn leaving(
+        &self,
+        at: CellPoint,
+        normal: Normal,
+        item: u64,
+        counts: &mut SceneCounts,
+    ) -> Vec<Radiance> {
         let origin = self.world.on_level(0, Start::on(at));
-        self.mean(origin, DVec3::Z, Some(at), item, counts)
+        self.mean(origin, DVec3::Z, Some((origin, normal)), item, counts)
     }
 
-    /// Over the paths of all replicates; they start as if the first thing met were `first`.
+    /// Over the paths of all replicates, under each environment; they start as if the first thing met were `first`.
     fn mean(
         &self,
         origin: Origin,
         direction: DVec3,
-        first: Option<CellPoint>,
+        first: Option<Turn>,
         item: u64,
         counts: &mut SceneCounts,
-    ) -> Radiance {
+    ) -> Vec<Radiance> {
         let each = self.settings.paths / REPLICATES as u32;
-        let mut means = [[0.0; 3]; REPLICATES];
-        for (replicate, mean) in means.iter_mut().enumerate() {
+        let blank = Brought { near: [0.0; 3], distant: vec![[0.0; 3]; self.environments.len()] };
+        let mut sums: [Brought; REPLICATES] = std::array::from_fn(|_| blank.clone());
+        for (replicate, sum) in sums.iter_mut().enumerate() {
             let sampler = PathSampler::new(self.settings.seed, item, replicate as u32);
-            for path in 0..each {
-                let found = self.path(origin, direction, first, &sampler, path, counts);
-                (0..3).for_each(|c| mean[c] += found[c] / f64::from(each));
+            (0..each).for_each(|path| self.path(origin, direction, first, &sampler, path, sum, counts));
+        }
+        let under = |environment: usize| {
+            let mut out = Radiance::default();
+            for c in 0..3 {
+                let of = |sum: &Brought| sum.near[c] + sum.distant.get(environment).map_or(0.0, |d| d[c]);
+                let means = sums.each_ref().map(|sum| of(sum) / f64::from(each));
+                let mean = means.iter().sum::<f64>() / REPLICATES as f64;
+                let spread: f64 = means.iter().map(|m| (m - mean).powi(2)).sum();
+                let variance = spread / (REPLICATES * (REPLICATES - 1)) as f64;
+                (out.mean[c], out.stderr[c]) = (mean, variance.sqrt());
             }
-        }
-        let mut out = Radiance::default();
-        for c in 0..3 {
-            let mean = means.iter().map(|m| m[c]).sum::<f64>() / REPLICATES as f64;
-            let spread: f64 = means.iter().map(|m| (m[c] - mean).powi(2)).sum();
-            let variance = spread / (REPLICATES * (REPLICATES - 1)) as f64;
-            (out.mean[c], out.stderr[c]) = (mean, variance.sqrt());
-        }
-        out
+            out
+        };
+        (0..self.environments.len().max(1)).map(under).collect()
     }
 
     /// Albedo of a level set.
@@ -167,128 +203,185 @@ impl<T: Sample> Tracer<'_, T> {
         None
     }
 
+    /// Adds what one path brings.
     fn path(
         &self,
         mut origin: Origin,
         mut direction: DVec3,
-        mut first: Option<CellPoint>,
+        mut first: Option<Turn>,
         sampler: &PathSampler,
         path: u32,
+        found: &mut Brought,
         counts: &mut SceneCounts,
-    ) -> [f64; 3] {
+    ) {
         let geometry = self.world.geometry;
         let (luminaires, level) = (geometry.luminaires().len(), &mut Counts::default());
-        let scaled = |l: usize, light: [f64; 3]| match self.settings.scales.get(l) {
-            Some(scale) => std::array::from_fn(|c| light[c] * scale[c]),
-            None => light,
-        };
+        let scaled = |l: usize, light: [f64; 3]| self.scaled(l, light);
+        // The cosine, each luminaire, the environments, the roulette.
         let pairs = 3 + luminaires as u32;
-        let mut found = [0.0; 3];
         let mut weight = [1.0f64; 3];
         // Whether luminaires on the way count: before the first diffuse turn, after specular ones, or where they are not sampled.
         let mut counts_light = true;
+        // Density of the direction, where environments were sampled too.
+        let mut by_cosine: Option<f64> = None;
         let (mut turn, mut specular) = (0, 0);
         let mut at = None;
         while turn < MOST_TURNS && specular < MOST_SPECULAR {
-            let add = |found: &mut [f64; 3], weight: &[f64; 3], light: [f64; 3], factor: f64| {
-                (0..3).for_each(|c| found[c] += weight[c] * light[c] * factor);
-            };
             let met = match first.take() {
-                Some(cell) => Met::Level(0, cell),
-                None => self.world.meet(&self.isovalues, &origin, direction, level, counts),
+                Some((place, normal)) => Err((place, normal, self.albedo(0))),
+                None => Ok(self.world.meet(&self.isovalues, &origin, direction, level, counts)),
             };
             let (place, normal, albedo) = match met {
-                Met::Nothing => {
-                    if let (Some(light), Some(to)) = (self.environment, Direction::new(direction.as_vec3())) {
-                        add(&mut found, &weight, light.radiance(to).map(f64::from), 1.0);
-                    }
-                    return found;
-                }
-                Met::Cut => return found,
-                Met::Luminaire(hit) => {
+                Err(first) => first,
+                Ok(Met::Nothing) => return self.escape(direction, by_cosine, &weight, found),
+                Ok(Met::Cut) => return,
+                Ok(Met::Luminaire(hit)) => {
                     if counts_light {
-                        add(&mut found, &weight, scaled(hit.luminaire, hit.radiance), 1.0);
+                        add(&mut found.near, &weight, scaled(hit.luminaire, hit.radiance), 1.0);
                     }
-                    return found;
+                    return;
                 }
-                Met::Lost => match at {
+                Ok(Met::Lost) => match at {
                     Some((place, normal, set)) => (place, normal, self.albedo(set)),
-                    None => return found,
+                    None => return,
                 },
-                Met::Level(set, cell) => match self.world.normal(set, &cell) {
+                Ok(Met::Level(set, cell)) => match self.world.normal(set, &cell) {
                     Some(normal) => (self.world.on_level(set, Start::on(cell)), normal, self.albedo(set)),
-                    None => return found,
+                    None => return,
                 },
-                Met::Wall(hit) => {
+                Ok(Met::Wall(hit)) => {
                     let in_world = origin.in_world + hit.distance * direction;
                     let place = Origin { place: Place::Wall(hit.part), in_world };
                     let towards = if direction.dot(hit.normal) < 0.0 { hit.normal } else { -hit.normal };
                     if let Some(l) = hit.luminaire.filter(|_| counts_light && direction.dot(hit.normal) < 0.0) {
-                        add(&mut found, &weight, scaled(l, geometry.wall_radiance(l)), 1.0);
+                        add(&mut found.near, &weight, scaled(l, geometry.wall_radiance(l)), 1.0);
                     }
                     match hit.finish {
                         Finish::Diffuse(albedo) => match Normal::down_gradient(-towards.as_vec3()) {
                             Some(normal) => (place, normal, albedo),
-                            None => return found,
+                            None => return,
                         },
                         Finish::Mirror(share) => {
                             (0..3).for_each(|c| weight[c] *= f64::from(share[c]));
                             direction -= 2.0 * direction.dot(hit.normal) * hit.normal;
-                            (origin, counts_light, specular) = (place, true, specular + 1);
+                            (origin, counts_light, by_cosine, specular) = (place, true, None, specular + 1);
                             continue;
                         }
                         Finish::Glass(index) => {
                             let u = sampler.pair(path, (1 << 24) + turn * MOST_SPECULAR + specular)[0];
                             let (next, factor) = glass::turn(direction, hit.normal, index, f64::from(u));
                             weight = weight.map(|w| w * factor);
-                            (origin, direction, counts_light, specular) = (place, next, true, specular + 1);
+                            (origin, direction, counts_light) = (place, next, true);
+                            (by_cosine, specular) = (None, specular + 1);
                             continue;
                         }
                     }
                 }
             };
             if matches!(place.place, Place::Level(..)) {
-                add(&mut found, &weight, self.settings.emission.map(f64::from), 1.0);
+                add(&mut found.near, &weight, self.settings.emission.map(f64::from), 1.0);
             }
             (0..3).for_each(|c| weight[c] *= f64::from(albedo[c]));
             let largest = weight.into_iter().fold(0.0, f64::max);
             if largest <= 0.0 {
-                return found;
+                return;
             }
             if turn >= SURE_TURNS {
                 let survive = largest.min(0.95);
                 if f64::from(sampler.pair(path, pairs * turn + pairs - 1)[0]) >= survive {
-                    return found;
+                    return;
                 }
                 weight = weight.map(|w| w / survive);
             }
+            let variates = |which: u32| sampler.pair(path, pairs * turn + which);
             if self.settings.samples_luminaires {
                 for l in 0..luminaires {
-                    let images = Images { world: &self.world, isovalues: &self.isovalues, from: place, luminaire: l };
-                    images.each(level, counts, &mut |direction, value| {
-                        let cosine = direction.dot(normal.vec().as_dvec3());
-                        if cosine > 0.0 {
-                            add(&mut found, &weight, scaled(l, value), cosine / PI);
-                        }
-                    });
-                    let u = sampler.pair(path, pairs * turn + 1 + l as u32);
-                    let Some(light) = geometry.arriving(l, place.in_world, u) else { continue };
-                    let cosine = light.direction.dot(normal.vec().as_dvec3());
-                    if cosine > 0.0
-                        && self.world.sees(&self.isovalues, &place, l, light.direction, light.distance, level, counts)
-                    {
-                        add(&mut found, &weight, scaled(l, light.value), cosine / PI);
-                    }
+                    self.sample_luminaire(l, &(place, normal), variates(1 + l as u32), &weight, found, level, counts);
                 }
             }
-            let local = warp::square_to_cosine_hemisphere(sampler.pair(path, pairs * turn));
+            self.sample_environments(&(place, normal), variates(1 + luminaires as u32), &weight, found, level, counts);
+            let local = warp::square_to_cosine_hemisphere(variates(0));
             direction = Frame::around(normal).from_local(local).as_dvec3().normalize_or(DVec3::Z);
+            by_cosine = Some(direction.dot(normal.vec().as_dvec3()).max(0.0) / PI);
             counts_light = !self.settings.samples_luminaires;
             at = if let Place::Level(set, _) = place.place { Some((place, normal, set)) } else { None };
             (origin, turn, specular) = (place, turn + 1, 0);
         }
         counts.lost_specular += u64::from(specular == MOST_SPECULAR);
         counts.lost_turns += u64::from(turn == MOST_TURNS);
-        found
+    }
+
+    /// Light of a luminaire with the factor on its power.
+    fn scaled(&self, l: usize, light: [f64; 3]) -> [f64; 3] {
+        match self.settings.scales.get(l) {
+            Some(scale) => std::array::from_fn(|c| light[c] * scale[c]),
+            None => light,
+        }
+    }
+
+    /// Adds what a ray that meets nothing sees, where its direction had a density also by what the environments' own
+    /// would have found.
+    fn escape(&self, direction: DVec3, by_cosine: Option<f64>, weight: &[f64; 3], found: &mut Brought) {
+        let Some(to) = Direction::new(direction.as_vec3()) else { return };
+        for (light, sum) in self.environments.iter().zip(&mut found.distant) {
+            let share = match by_cosine {
+                None => 1.0,
+                Some(by_cosine) if by_cosine > 0.0 => by_cosine / (by_cosine + f64::from(light.density(to))),
+                Some(_) => continue,
+            };
+            add(sum, weight, light.radiance(to).map(f64::from), share);
+        }
+    }
+
+    fn sample_luminaire(
+        &self,
+        l: usize,
+        (place, normal): &Turn,
+        u: [f32; 2],
+        weight: &[f64; 3],
+        found: &mut Brought,
+        level: &mut Counts,
+        counts: &mut SceneCounts,
+    ) {
+        let normal = normal.vec().as_dvec3();
+        let images = Images { world: &self.world, isovalues: &self.isovalues, from: *place, luminaire: l };
+        images.each(level, counts, &mut |direction, value| {
+            let cosine = direction.dot(normal);
+            if cosine > 0.0 {
+                add(&mut found.near, weight, self.scaled(l, value), cosine / PI);
+            }
+        });
+        let Some(light) = self.world.geometry.arriving(l, place.in_world, u) else { return };
+        let cosine = light.direction.dot(normal);
+        if cosine > 0.0
+            && self.world.sees(&self.isovalues, place, Some(l), light.direction, light.distance, level, counts)
+        {
+            add(&mut found.near, weight, self.scaled(l, light.value), cosine / PI);
+        }
+    }
+
+    fn sample_environments(
+        &self,
+        (place, normal): &Turn,
+        u: [f32; 2],
+        weight: &[f64; 3],
+        found: &mut Brought,
+        level: &mut Counts,
+        counts: &mut SceneCounts,
+    ) {
+        for (light, sum) in self.environments.iter().zip(&mut found.distant) {
+            let Some(sample) = light.sample(u) else { continue };
+            let cosine = sample.direction.vec().dot(normal.vec());
+            if cosine <= 0.0 {
+                continue;
+            }
+            let direction = sample.direction.vec().as_dvec3().normalize_or(DVec3::Z);
+            if self.world.sees(&self.isovalues, place, None, direction, f64::INFINITY, level, counts) {
+                // cosine/π · L / p_light, weighted by p_light / (p_light + p_cosine).
+                let by_cosine = f64::from(cosine) / PI;
+                let factor = by_cosine / (f64::from(sample.density) + by_cosine);
+                add(sum, weight, sample.radiance.map(f64::from), factor);
+            }
+        }
     }
 }

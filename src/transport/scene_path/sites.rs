@@ -53,14 +53,13 @@ pub fn site_radiance(
             .map(|(i, site)| {
                 let mut counts = SceneCounts::default();
                 let at = field.locate(site.position_in_grid);
-                if field.normal(&at).is_none() {
-                    return (None, counts);
-                }
+                let Some(normal) = field.normal(&at) else { return (None, counts) };
                 let isovalue = site.isovalue.map_or(field.raw_value(&at), |c| volume.raw_from_value(c) as f32);
                 let world = World::new(volume, &field, geometry);
                 let isovalues = world.isovalues(isovalue);
-                let tracer = Tracer { world, isovalues, environment, settings: &of_site(site) };
-                (Some(tracer.leaving(at, i as u64, &mut counts)), counts)
+                let (environments, settings) = (environment.as_slice(), &of_site(site));
+                let tracer = Tracer { world, isovalues, environments, settings };
+                (tracer.leaving(at, normal, i as u64, &mut counts).first().copied(), counts)
             })
             .collect()
     });

@@ -30,9 +30,9 @@ pub(super) enum Place {
 
 /// Where a ray starts.
 #[derive(Clone, Copy)]
-pub(super) struct Origin {
+pub(in super::super) struct Origin {
     pub(super) place: Place,
-    pub(super) in_world: DVec3,
+    pub(in super::super) in_world: DVec3,
 }
 
 /// What a ray meets first.
@@ -103,10 +103,10 @@ impl std::ops::AddAssign for SceneCounts {
 }
 
 /// The isovalue of a ray in raw samples of the volume, then of each partner.
-pub(super) type Isovalues = Vec<f32>;
+pub(in super::super) type Isovalues = Vec<f32>;
 
 /// All that a ray can meet.
-pub(super) struct World<'a, T> {
+pub(in super::super) struct World<'a, T> {
     pub(super) field: &'a LevelField<'a, T>,
     pub(super) geometry: &'a Geometry,
     volume: &'a Volume,
@@ -117,7 +117,7 @@ pub(super) struct World<'a, T> {
 }
 
 impl<'a, T: Sample> World<'a, T> {
-    pub(super) fn new(volume: &'a Volume, field: &'a LevelField<'a, T>, geometry: &'a Geometry) -> Self {
+    pub(in super::super) fn new(volume: &'a Volume, field: &'a LevelField<'a, T>, geometry: &'a Geometry) -> Self {
         let partner = |partner: &'a Partner| -> Box<dyn PartnerSet + 'a> {
             let (volume, pyramid) = (&*partner.volume, &*partner.pyramid);
             with_samples!(volume.samples(), s => {
@@ -142,7 +142,7 @@ impl<'a, T: Sample> World<'a, T> {
     }
 
     /// The isovalues of a ray, from that of the volume in raw samples.
-    pub(super) fn isovalues(&self, raw: f32) -> Isovalues {
+    pub(in super::super) fn isovalues(&self, raw: f32) -> Isovalues {
         let value = self.volume.value_from_raw(f64::from(raw));
         let of_partner = |p: &Partner| p.volume.raw_from_value(p.isovalue.at(value)) as f32;
         std::iter::once(raw).chain(self.geometry.partners().iter().map(of_partner)).collect()
@@ -157,7 +157,7 @@ impl<'a, T: Sample> World<'a, T> {
     }
 
     /// A start on a level set and its place in world.
-    pub(super) fn on_level(&self, set: usize, start: Start) -> Origin {
+    pub(in super::super) fn on_level(&self, set: usize, start: Start) -> Origin {
         let placement = set.checked_sub(1).map_or(&self.placement, |partner| self.partners[partner].place());
         Origin { place: Place::Level(set, start), in_world: placement.on_level(&start) }
     }
@@ -171,7 +171,7 @@ impl<'a, T: Sample> World<'a, T> {
     }
 
     /// Whether a point of the volume's level set lies in the solid of a partner.
-    pub(super) fn is_buried(&self, isovalues: &[f32], point: DVec3) -> bool {
+    pub(in super::super) fn is_buried(&self, isovalues: &[f32], point: DVec3) -> bool {
         self.partners.iter().zip(&isovalues[1..]).any(|(partner, &isovalue)| partner.is_buried(isovalue, point))
     }
 
@@ -215,12 +215,12 @@ impl<'a, T: Sample> World<'a, T> {
         }
     }
 
-    /// Whether light of luminaire `l` reaches a point along a direction from a distance.
+    /// Whether light of luminaire `l`, or of the environment, reaches a point along a direction from a distance.
     pub(super) fn sees(
         &self,
         isovalues: &[f32],
         from: &Origin,
-        l: usize,
+        l: Option<usize>,
         direction: DVec3,
         distance: f64,
         level: &mut Counts,

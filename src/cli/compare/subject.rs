@@ -1,0 +1,91 @@
+//! What a store is compared with: the volumes of it, what stood around them, and the isovalues that belong together.
+
+use crate::bake::surroundings;
+use crate::cli::Outcome;
+use crate::cli::isovalue::NamedIsovalue;
+use crate::cli::relight::resolve;
+use crate::error::{Error, Result};
+use crate::level::Pyramid;
+use crate::scene::Scene;
+use crate::scene::geometry::Geometry;
+use crate::session::Session;
+use crate::transfer::store::{EstimatorIdentity, Shadows, Store};
+use crate::transport::Settings;
+use crate::volume::Volume;
+
+/// A volume of a store.
+pub(super) struct Subject {
+    /// Its textures, one a group; that of the environment is the store of the volume.
+    pub(super) textures: Vec<Store>,
+    pub(super) volume: Volume,
+    pub(super) pyramid: Pyramid,
+    pub(super) geometry: Option<Geometry>,
+    /// Its name, where there are several.
+    pub(super) name: Option<String>,
+}
+
+impl Subject {
+    fn new(store: Store, volume: Volume, pyramid: Pyramid, scene: Option<&Scene>) -> Result<Self> {
+        let geometry = surroundings(&store, scene)?;
+        let others = store.identity().groups().split_off(1);
+        let others = others.iter().map(|group| store.group(group)).collect::<Result<Vec<_>>>()?;
+        let name = geometry.as_ref().and_then(|geometry| Some(geometry.among()?.name.clone()));
+        let textures = [store].into_iter().chain(others).collect();
+        Ok(Self { textures, volume, pyramid, geometry, name })
+    }
+
+    /// How its texels were made, with another number of rays; `None` where they cannot be made again.
+    pub(super) fn baked_by(&self, rays: u32) -> Option<Settings> {
+        let identity = self.textures[0].identity();
+        let is_path = match identity.estimator {
+            EstimatorIdentity::Path { shadowing } => shadowing == Shadows::Found,
+            EstimatorIdentity::ScenePath { .. } => true,
+            _ => false,
+        };
+        let layers = crate::transfer::BrickSource::layout(&self.textures[0]).layers.clone();
+        is_path.then_some(Settings { layers, rays, seed: identity.seed, target: None, positive: identity.positive })
+    }
+
+    /// Whether light by way of mirrors and glass was baked.
+    pub(super) fn has_caustics(&self) -> bool {
+        !matches!(self.textures[0].identity().estimator, EstimatorIdentity::ScenePath { caustics: false, .. })
+    }
+
+    /// Whether other volumes stand beside it.
+    pub(super) fn is_among_others(&self) -> bool {
+        self.name.is_some()
+    }
+}
+
+/// The volumes of a store and the isovalues of each, those that belong together at the same place. Isovalues without a
+/// name are those of `of`, else of the first.
+pub(super) fn subjects(
+    store: Store,
+    scene: Option<&Scene>,
+    of: Option<&str>,
+    isovalues: &[NamedIsovalue],
+) -> Outcome<(Vec<Subject>, Vec<Vec<f64>>)> {
+    if store.identity().scene.as_ref().is_none_or(|scene| scene.coupling.is_none()) {
+        let named = isovalues.iter().find_map(|i| i.volume.as_ref());
+        if let Some(name) = of.or(named.map(String::as_str)) {
+            let expected = "a store of several volumes";
+            return Err(Error::argument("--volume", name, expected, "leave the name out: it holds one alone").into());
+        }
+        let volume = store.volume()?;
+        let resolved = isovalues.iter().map(|i| Ok(i.isovalue.resolve(&volume, Some(volume.solid), None)?.value));
+        let resolved = resolved.collect::<Result<Vec<f64>>>()?;
+        let pyramid = Pyramid::new(&volume);
+        return Ok((vec![Subject::new(store, volume, pyramid, scene)?], vec![resolved]));
+    }
+    let session = Session::open(&store)?;
+    let named = |i: &NamedIsovalue| NamedIsovalue { volume: i.volume.clone().or(of.map(str::to_owned)), ..i.clone() };
+    let resolved = isovalues.iter().map(|i| Ok(resolve(&session, &named(i))?.1)).collect::<Result<Vec<Vec<f64>>>>()?;
+    let all = session.members().iter().map(|m| {
+        let (volume, pyramid) = (m.volume().clone(), Pyramid::new(m.volume()));
+        Subject::new(store.of_volume(m.name())?, volume, pyramid, scene)
+    });
+    let all = all.collect::<Result<Vec<_>>>()?;
+    let of_member = |m: usize| resolved.iter().map(|row| row[m]).collect();
+    let isovalues = (0..all.len()).map(of_member).collect();
+    Ok((all, isovalues))
+}

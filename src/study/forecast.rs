@@ -1,0 +1,120 @@
+//! What a bake will take and give: a short pilot on the user's own scene, for textures of several resolutions.
+
+use super::model::{Forecast, Pilot};
+use super::{Clock, Study};
+use crate::bake::{Estimator, bytes_of_scene_texel, spread};
+use crate::compare::LitSurface;
+use crate::error::{Error, Result};
+use crate::transfer::{Lattice, Layers, Layout, Selection};
+use crate::transport::{Settings, trial};
+
+/// Resolutions that a forecast weighs against each other, the finest first.
+pub const RATIOS: [f64; 3] = [1.0, 0.5, 0.25];
+/// Points of the surface at most.
+pub const POINTS: u32 = 400;
+/// Points, paths at each, and paths for each exact texel: a few seconds on two cores.
+const EFFORT: (usize, u32, u32) = (POINTS as usize, 1024, 1024);
+/// The same in a scene, whose paths are several times longer and ask every luminaire at each turn. With four times the
+/// paths of the pilot's second bake the noise of the exact texels is a seventh of that bake's, and known well enough to
+/// be taken out.
+const EFFORT_IN_SCENE: (usize, u32, u32) = (200, 256, 256);
+/// The two bakes of a pilot.
+const RAYS: [u32; 2] = [16, 64];
+/// Bricks that are timed.
+const BRICKS: usize = 48;
+
+/// What is asked about.
+#[derive(Clone, Copy)]
+pub struct Question<'a> {
+    /// Where accuracy is looked at, at about [`POINTS`] points; coefficients of the bands of `layers`.
+    pub surface: LitSurface<'a>,
+    /// Layers of the texture; of three channels in a scene.
+    pub layers: &'a Layers,
+    /// Seed of the trial bakes.
+    pub seed: u64,
+}
+
+/// The pilot of one resolution.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Weighed {
+    /// Texels to a sample of the volume along an axis.
+    pub ratio: f64,
+    /// What was found.
+    pub pilot: Pilot,
+    /// Stored bytes of the texels.
+    pub bytes: u64,
+}
+
+impl Weighed {
+    /// The same for a scene of several volumes: `texels` more are baked with the same ratio and rays, and take as long
+    /// each. So the time is shared out among the volumes by their numbers of texels.
+    pub fn add(&mut self, texels: u64) {
+        self.bytes += self.bytes / self.pilot.texels.max(1) * texels;
+        self.pilot.texels += texels;
+    }
+}
+
+/// Refuses the estimators that are not forecast, for what `option` asks.
+///
+/// # Errors
+/// For another one than `path`.
+pub fn check(option: &str, estimator: Estimator) -> Result<()> {
+    if estimator == Estimator::Path {
+        return Ok(());
+    }
+    // Their texels depend on all others: a pilot would be the whole bake.
+    let (found, expected) =
+        (format!("--estimator {}", estimator.name()), "the estimator path, which alone is forecast");
+    Err(Error::argument(option, found, expected, "give a number of --rays"))
+}
+
+/// A pilot for each of `ratios`; `selected` gives the texels that a bake on a lattice needs.
+///
+/// # Errors
+/// When no light reaches the points, or there are none; as [`Study::references`] and [`trial`].
+pub fn pilots(
+    question: &Question<'_>,
+    ratios: &[f64],
+    selected: &dyn Fn(Lattice) -> Selection,
+    clock: &Clock<'_>,
+) -> Result<Vec<Weighed>> {
+    let Question { surface, layers, seed } = *question;
+    let lattices =
+        ratios.iter().map(|&ratio| Lattice::from_ratio(surface.volume.dims(), ratio)).collect::<Result<Vec<_>>>()?;
+    let (points, paths, texel_rays) = if surface.geometry.is_some() { EFFORT_IN_SCENE } else { EFFORT };
+    let surface = LitSurface { points: &surface.points[..points.min(surface.points.len())], ..surface };
+    let study = Study { surface, paths, texel_rays, layers: layers.len(), seed: seed ^ 0x70 };
+    let references = study.references(&[layers.max_bands()], &lattices)?;
+    let mut all = Vec::new();
+    for (&ratio, &lattice) in ratios.iter().zip(&lattices) {
+        let accuracy = study.accuracy(&references, lattice, layers, RAYS)?;
+        let selection = selected(lattice);
+        let layout = Layout { lattice, layers: layers.clone() };
+        let bricks = spread(&selection.bricks(), BRICKS);
+        let mut seconds_per_texel = [0.0; 2];
+        for (seconds, rays) in seconds_per_texel.iter_mut().zip(RAYS) {
+            let settings = Settings { layers: layers.clone(), rays, seed, target: None, positive: false };
+            let job = surface.bake(&layout, &settings, &selection);
+            let [_, before] = clock();
+            let texels = trial(&job, &bricks)?.texels;
+            let [_, after] = clock();
+            *seconds = (after - before) / texels.max(1) as f64;
+        }
+        let texels = selection.len();
+        let pilot = Pilot { rays: RAYS, seconds_per_texel, accuracy, texels };
+        all.push(Weighed { ratio, pilot, bytes: texels * bytes_of_scene_texel(layers, surface.geometry) });
+    }
+    Ok(all)
+}
+
+/// The most exact forecast that takes no more than so many processor seconds; `None` if nothing does.
+pub fn best_within(all: &[Weighed], seconds: f64) -> Option<(&Weighed, Forecast)> {
+    let each = all.iter().filter_map(|w| Some((w, w.pilot.most_within(seconds)?)));
+    each.min_by(|a, b| a.1.error.total_cmp(&b.1.error))
+}
+
+/// The cheapest forecast of at most this error; `None` if none has it.
+pub fn cheapest_within(all: &[Weighed], error: f64) -> Option<(&Weighed, Forecast)> {
+    let each = all.iter().filter_map(|w| Some((w, w.pilot.least_within(error)?)));
+    each.min_by(|a, b| a.1.seconds.total_cmp(&b.1.seconds))
+}
