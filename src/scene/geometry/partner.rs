@@ -92,12 +92,4 @@ impl Geometry {
     pub fn among(&self) -> Option<&Among> {
         self.among.as_ref()
     }
-
-    /// The box of all walls and partners; empty if there is none.
-    pub(crate) fn bounds_with_partners(&self) -> Bounds {
-        self.partners.iter().fold(self.bounds(), |all, partner| {
-            let own = partner.volume.world_bounds();
-            all.including(own.min).including(own.max)
-        })
-    }
 }
