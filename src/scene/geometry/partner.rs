@@ -2,7 +2,6 @@
 
 use super::Geometry;
 use crate::error::{Error, Result};
-use crate::geom::Bounds;
 use crate::level::Pyramid;
 use crate::scene::coupling::IsovalueMap;
 use crate::volume::Volume;
