@@ -76,7 +76,7 @@ fn with_light_of_store(mut line: Vec<OsString>) -> Vec<OsString> {
 }
 
 /// Isovalues as options have them: where there are none, those of the first volume in the pairs of the coupling.
-pub(super) fn isovalues(file: &SceneFile) -> Option<String> {
+pub(super) fn listed_isovalues(file: &SceneFile) -> Option<String> {
     let given: Vec<String> = file.description.isovalues.iter().map(|i| i.value.clone()).collect();
     let list = match &file.description.coupling {
         Some(Located { value: Coupling::Rows(rows), .. }) if given.is_empty() => {
@@ -96,7 +96,7 @@ fn options(file: &SceneFile, command: &str) -> Vec<Written> {
     };
     add("solid", "--solid", scene.solid.map(|s| if s == Solid::Above { "above" } else { "below" }.into()));
     add("up", "--up", scene.up.map(|up| up.name().into()));
-    let isovalues = isovalues(file);
+    let isovalues = listed_isovalues(file);
     let bake = &scene.bake;
     add("rays", "--rays", bake.rays.map(|n| n.to_string()));
     add("layers", "--layers", bake.layers.map(|n| n.to_string()));

@@ -186,7 +186,7 @@ impl View {
 
     /// The isovalues that the scene lists, and the one to begin with; none where all are baked.
     fn isovalues_of_scene(&self) -> Outcome<Vec<NamedIsovalue>> {
-        let listed = self.scene.as_ref().filter(|_| !self.all_isovalues).and_then(scene::isovalues);
+        let listed = self.scene.as_ref().filter(|_| !self.all_isovalues).and_then(scene::listed_isovalues);
         let listed = listed.iter().flat_map(|list| list.split(',')).map(|text| text.parse().map_err(Failure::Message));
         let mut all = listed.collect::<Outcome<Vec<NamedIsovalue>>>()?;
         if !all.is_empty() && self.isovalue != Isovalue::Auto {

@@ -151,7 +151,10 @@ for (const store of stores) {
   const mapped = { ...common, isovalue: first, rotation: -120 };
   await compare("mapped", { ...mapped, env: "courtyard", more: ["--colormap", "viridis"] },
     { ...mapped, colour: "viridis", environment: await environment("courtyard") });
-  await page.evaluate(() => window.isolume.update({ colour: "", albedo: 0.7 }));
+  const glowing = { ...common, isovalue: second, albedo: 0.8, emission: 0.3 };
+  await compare("glowing", { ...glowing, env: "courtyard", more: ["--albedo", 0.8, "--emission", 0.3] },
+    { ...glowing, colour: "", environment: await environment("courtyard") });
+  await page.evaluate(() => window.isolume.update({ colour: "", albedo: 0.7, emission: 0 }));
 
   await drop(page, DROPPED);
   const dropped = await page.evaluate(() => window.isolume.state.environment);
