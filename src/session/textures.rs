@@ -123,7 +123,7 @@ fn contracted(
     check_factors(names, factors)?;
     if store.identity().scene.is_some() && !lighting.suns.is_empty() {
         let expected = "an environment whose lamps stay in it";
-        let remedy = "leave it out: rays of a sun that is lit apart do not know the walls of a scene";
+        let remedy = "leave it out: the layers hold what the walls of a scene send of that lamp, too, and it cannot be taken out";
         return Err(Error::argument("sun split", "a scene with walls or luminaires", expected, remedy));
     }
     contract(&Groups::open(store, factors)?.textures()?, bricks, light, material)
