@@ -29,13 +29,13 @@ use std::path::PathBuf;
 /// Look at a store, a volume or a scene in the browser: every isosurface, relit interactively
 ///
 /// Serves a page on 127.0.0.1 until Ctrl-C, for who has the address that is printed; or writes one file that opens
-/// without a network. The page needs a browser with WebGL2. Environments (.hdr, .exr; up to 64 MB and 33 million pixels)
-/// can be dropped onto it. A volume is baked first, for all its isovalues, into a store in the user's cache folder, where
-/// the next run finds it; a scene for those that it lists, as by relight.
+/// without a network. The page needs a browser with WebGL2. Environments (.hdr, .exr; up to 64 MB and 33 million
+/// pixels) can be dropped onto it. A volume is baked first, for all its isovalues, into a store in the user's cache
+/// folder, where the next run finds it; a scene for those that it lists, as by relight.
 ///
-/// In a scene each luminaire has a slider, and where there are any the environment is dark at the beginning. What walls do
-/// to the light is seen, the walls themselves are not drawn. Of several volumes one is shown, in the light of all. The
-/// material is chosen on the page.
+/// In a scene each luminaire has a slider, and where there are any the environment is dark at the beginning. What
+/// walls do to the light is seen, the walls themselves are not drawn. Of several volumes one is shown, in the light of
+/// all. The material is chosen on the page.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume view brain.isolume
@@ -50,7 +50,8 @@ pub(super) struct View {
     /// Write the page with its data into one file instead: 8-bit coefficients, reduced resolution
     #[arg(long, value_name = "OUT.html")]
     html: Option<PathBuf>,
-    /// The isovalue to begin with: a number, a percentage of the range, or auto. Of several volumes that of the one shown
+    /// The isovalue to begin with: a number, a percentage of the range, or auto; of several volumes that of the one
+    /// shown
     #[arg(
         short,
         long,

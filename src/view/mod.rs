@@ -13,8 +13,8 @@
 //! rotation or albedo changes only coefficients (a few hundred numbers); the GPU multiplies them with the texels.
 //!
 //! Of a scene the coefficients come in three channels, and behind them G_k of the level set's emission and of each
-//! luminaire: their powers are sliders. Walls are not sent, and of several volumes that light each other one: the page names
-//! the others with their isovalues.
+//! luminaire: their powers are sliders. Walls are not sent, and of several volumes that light each other one: the page
+//! names the others with their isovalues.
 //!
 //! # Frames
 //! Probes come in the *upright* frame, world axes as if up were +z: there a turn of the light is a turn about z, which

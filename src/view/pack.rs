@@ -15,11 +15,12 @@
 //! | section | holds |
 //! |---|---|
 //! | `transfer` | coefficients of the environment in three channels, in the order of [`Layers`] |
-//! | `surroundings` | planes of 16-bit floats in every coding: G_k of emission, then of each luminaire, layer by layer, red, green, blue |
+//! | `surroundings` | planes of 16-bit floats in every coding: G_k of emission, then of each luminaire |
 //! | `error` | where there are luminaires: under them alone |
 //!
-//! Near a luminaire G_k is hundreds of times what it is in a corner: in 8-bit steps of the largest, corners would be black.
-//! It is a few numbers a texel. What a texture of a luminaire holds times the header's factor is G_k in W m⁻² sr⁻¹.
+//! G_k stands layer by layer, and in a layer red, green, blue.
+//! Near a luminaire G_k is hundreds of times what it is in a corner: in 8-bit steps of the largest, corners would be
+//! black. It is a few numbers a texel. What a texture of a luminaire holds times the header's factor is G_k in W m⁻² sr⁻¹.
 
 use super::samples::{self, BLOCK};
 use super::texels::{Texels, reduced};
@@ -124,8 +125,8 @@ impl Payload {
 /// Packs textures and their volume for the page.
 ///
 /// # Errors
-/// When the volume is flat, a texel has more than [`MOST_COEFFICIENTS`] of the environment or of all else, nothing is baked,
-/// the textures are not those of the surroundings, or a source cannot be read.
+/// When the volume is flat, a texel has more than [`MOST_COEFFICIENTS`] of the environment or of all else, nothing is
+/// baked, the textures are not those of the surroundings, or a source cannot be read.
 pub fn pack(subject: &Subject<'_>, options: &Options) -> Result<Package> {
     let volume = subject.volume;
     let textures = subject.textures;

@@ -108,8 +108,9 @@ fn eight_bits_are_within_half_a_step_of_each_coefficient() {
     }
 }
 
-/// What the page makes of a package of a scene, texel by texel: the formula of [`contract`] on decoded numbers. With each
-/// radiance how far it may be off: half a step of each coefficient of the environment, as far as weight and tail take it.
+/// What the page makes of a package of a scene, texel by texel: the formula of [`contract`] on decoded numbers. With
+/// each radiance how far it may be off: half a step of each coefficient of the environment, as far as weight and tail
+/// take it.
 fn decoded(
     package: &Package,
     bands: &[usize],
@@ -173,8 +174,8 @@ fn identity(luminaires: &[&str]) -> SceneIdentity {
     }
 }
 
-/// The numbers of a page give the radiance of the contraction: in 16 bits to the rounding of its 32-bit result, in 8 bits
-/// within half a step of each coefficient, however little of a luminaire arrives.
+/// The numbers of a page give the radiance of the contraction: in 16 bits to the rounding of its 32-bit result, in 8
+/// bits within half a step of each coefficient, however little of a luminaire arrives.
 #[test]
 fn a_package_of_a_scene_has_the_radiance_of_the_contraction() {
     let dims = [9, 5, 4];

@@ -53,8 +53,8 @@ pub(super) fn reduced(dims: [usize; 3], side: usize) -> [usize; 3] {
 }
 
 impl<'a> Texels<'a> {
-    /// That of the environment, then in a scene that of emission and those of the luminaires. A brick is there where all
-    /// have it.
+    /// That of the environment, then in a scene that of emission and those of the luminaires. A brick is there where
+    /// all have it.
     pub(super) fn gather(textures: &Textures<'a>) -> Result<Self> {
         let luminaires = textures.luminaires().iter().map(|l| l.texture);
         let sources: Vec<_> =
@@ -98,7 +98,8 @@ impl<'a> Texels<'a> {
         true
     }
 
-    /// Hands out every valid texel of `target`, x fastest: its number in the lattice, and its transfer, texture by texture.
+    /// Hands out every valid texel of `target`, x fastest: its number in the lattice, and its transfer, texture by
+    /// texture.
     ///
     /// On the texture's own lattice these are the stored numbers; on a coarser one the mean over the valid texels
     /// around, weighted by a tent.

@@ -342,7 +342,7 @@ function lightOfErrors() {
 function standing() {
   const { partners, volume } = header.scene ?? { partners: [] };
   const with_ = partners.map((p) => `${p.name} at isovalue ${short(partnered(p.isovalues, state.isovalue))}`);
-  return (with_.length > 0 ? `This is ${volume}, in the light of ${with_.join(", ")}, not drawn here. ` : "") + "Walls and luminaires are seen by their light alone.";
+  return (with_.length > 0 ? `This is ${volume}, in the light of ${with_.join(", ")}, not drawn here. ` : "") + "Walls and luminaires, where there are any, light it and are not drawn.";
 }
 
 /** The isovalue of another volume that belongs to one of this: linear between knots, the same where there are none. */

@@ -1,11 +1,11 @@
 //! The server of the page: for this machine, for who has the address, for pages of its own.
 //!
-//! The address holds a random token, so that no other user of the machine and no page elsewhere can guess it; names of other
-//! hosts and pages of other origins are refused besides. What a connection may take is bounded: a handler of its own, of
-//! which there are at most 32, times, sizes, and one image decoded at a time.
+//! The address holds a random token, so that no other user of the machine and no page elsewhere can guess it; names of
+//! other hosts and pages of other origins are refused besides. What a connection may take is bounded: a handler of its
+//! own, of which there are at most 32, times, sizes, and one image decoded at a time.
 //!
-//! The only module of the library besides the command line that reads the clock, for these times; no number that is served
-//! depends on it.
+//! The only module of the library besides the command line that reads the clock, for these times; no number that is
+//! served depends on it.
 
 mod http;
 
