@@ -208,8 +208,8 @@ impl<'a> Stage<'a> {
         let (lighting, material) = (texels.lighting, &texels.material);
         let PictureOptions { width, height, supersampling, cap, .. } = *self.options;
         let options = &RenderOptions { width, height, supersampling, cap };
-        let subject =
-            Subject { volume, pyramid, isovalue, contracted: &texels.members[0], light: &lighting.light, material };
+        let (contracted, own) = (&texels.members[0], &tinted(material, member));
+        let subject = Subject { volume, pyramid, isovalue, contracted, light: &lighting.light, material: own };
         let geometry = texels.surface.session.geometry;
         if geometry.is_none() && texels.surface.parts.len() == 1 {
             return Ok(render(&subject, &lighting.suns, None, camera, options));
@@ -241,10 +241,7 @@ impl<'a> Stage<'a> {
         (origin, direction): (DVec3, DVec3),
     ) -> Option<([f32; 3], f64)> {
         let (volume, pyramid, isovalue) = (member.volume(), member.pyramid(), part.isosurface.isovalue());
-        let (light, material) = (&self.texels.lighting.light, &self.texels.material);
-        // Its transfer has its own factor in it; what shows without transfer has not.
-        let tint = member.tint();
-        let material = &Material { albedo: std::array::from_fn(|c| material.albedo[c] * tint[c]), ..*material };
+        let (light, material) = (&self.texels.lighting.light, &tinted(&self.texels.material, member));
         let subject = Subject { volume, pyramid, isovalue, contracted, light, material };
         radiance_along(&subject, camera, options, origin, direction)
     }
@@ -356,4 +353,10 @@ mod tests {
         let seam = image.direction_from_pixel(0.0, 0.5);
         assert!((between_pixels(&image, seam)[0] - 1.5).abs() < 1e-5);
     }
+}
+
+/// The material of a volume with its own factor on the albedo, for what shows without transfer, which holds that factor.
+fn tinted(material: &Material, member: &Member<'_>) -> Material {
+    let tint = member.tint();
+    Material { albedo: std::array::from_fn(|c| material.albedo[c] * tint[c]), ..*material }
 }

@@ -170,6 +170,7 @@ pub const FILE_SYSTEM_FILES: &[(&str, &str)] = &[
     ("src/file.rs", "opens plain files, for all others"),
     ("src/staging.rs", "makes files beside their place, for all others"),
     ("src/volume/open.rs", "opens a volume and the files its header names"),
+    ("src/scene/member.rs", "says which file beside a missing one may be meant"),
     ("src/volume/slices.rs", "lists a folder of slices"),
 ];
 
