@@ -339,6 +339,12 @@ fn develop(picture: &Picture, factor: f32, tone: Tone, behind: &dyn Fn(usize, us
     Image::new(picture.width, picture.height, pixels.collect())
 }
 
+/// The material of a volume with its own factor on the albedo, for what shows without transfer, which holds that factor.
+fn tinted(material: &Material, member: &Member<'_>) -> Material {
+    let tint = member.tint();
+    Material { albedo: std::array::from_fn(|c| material.albedo[c] * tint[c]), ..*material }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -353,10 +359,4 @@ mod tests {
         let seam = image.direction_from_pixel(0.0, 0.5);
         assert!((between_pixels(&image, seam)[0] - 1.5).abs() < 1e-5);
     }
-}
-
-/// The material of a volume with its own factor on the albedo, for what shows without transfer, which holds that factor.
-fn tinted(material: &Material, member: &Member<'_>) -> Material {
-    let tint = member.tint();
-    Material { albedo: std::array::from_fn(|c| material.albedo[c] * tint[c]), ..*material }
 }
