@@ -386,5 +386,6 @@ fn a_page_is_made_of_a_volume_through_the_cache() {
     assert!(first == bench.bytes("v.html") && first.starts_with(b"<!doctype html>"));
     assert!(bench.refuses("view nothere.isolume").contains("isolume bake"));
     bench.write("s.toml", "volume = \"sphere:12\"\n");
-    assert!(bench.refuses("view s.toml").contains("a store or a volume"));
+    bench.run("view s.toml --rays 4 --layers 1 --cache c --html w.html");
+    assert!(bench.bytes("w.html").starts_with(b"<!doctype html>"));
 }
