@@ -284,7 +284,7 @@ impl Study {
 
     /// The isovalue asked for, else the first of the scene.
     fn isovalue(&self, file: Option<&SceneFile>) -> Result<Isovalue, Error> {
-        let of_scene = file.filter(|_| self.isovalue == Isovalue::Auto).and_then(scene::isovalues);
+        let of_scene = file.filter(|_| self.isovalue == Isovalue::Auto).and_then(scene::listed_isovalues);
         let first = of_scene.as_deref().and_then(|list| list.split(',').next());
         first.map_or(Ok(self.isovalue), str::parse)
     }

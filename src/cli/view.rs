@@ -1,6 +1,6 @@
 //! `isolume view`: the live page, served on this machine or written into one file.
 
-use super::baking;
+use super::cache::members::MemberBakes;
 use super::cache::{Cache, Filled, InUse};
 use super::console::Console;
 use super::info::{self, check_store};
@@ -10,12 +10,11 @@ use super::isovalue::{Isovalue, NamedIsovalue};
 use super::light::open_probe;
 use super::options::TransferArgs;
 use super::output::check_file;
-use super::{Failure, Outcome, options, scene, text};
-use crate::bake::{Goal, Request, Writing, layout_of_scene};
+use super::{Failure, Outcome, scene, text};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::probe::{EMBEDDED, Probe};
-use crate::scene::{DARK, Member, Scene, SceneFile};
+use crate::scene::{DARK, Scene, SceneFile};
 use crate::session::Groups;
 use crate::transfer::store::Completeness;
 use crate::transfer::store::{SceneIdentity, Store};
@@ -25,6 +24,7 @@ use crate::view::{Coding, Options, Package, Subject, Surrounded, pack};
 use serde_json::json;
 use std::io::Write;
 use std::path::PathBuf;
+use std::time::Instant;
 
 /// Look at a store, a volume or a scene in the browser: every isosurface, relit interactively
 ///
@@ -131,9 +131,17 @@ impl View {
         let isovalues = self.isovalues_of_scene()?;
         let cache = Cache::locate(self.cache.as_deref())?;
         cache.prepare()?;
-        let (mut path, mut last) = (None, None);
+        let start = Instant::now();
+        let mut bakes = MemberBakes::new(&cache, &self.transfer, self.scene.as_ref(), seed, start, console);
+        let mut last = None;
         for member in scene.members_mut() {
-            last = Some(self.bake(member, &isovalues, (&cache, &mut path), seed, console)?);
+            let chosen = bakes.choose(member, &isovalues)?;
+            member.take_side(&chosen)?;
+            if chosen.is_empty() {
+                member.check_all()?;
+            }
+            let isovalues = (!chosen.is_empty()).then(|| chosen.iter().map(|c| c.value).collect());
+            last = Some(bakes.bake(member, isovalues)?);
         }
         cache.tidy(console);
         let Some(Filled { store, in_use, .. }) = last else {
@@ -142,47 +150,6 @@ impl View {
         // Of several volumes the last one was filled last.
         let store = if scene.members().len() > 1 { Store::open(store.path())? } else { store };
         Ok((self.choose(store, console)?, Some(in_use)))
-    }
-
-    /// Bakes a volume of a scene, or one alone; the first decides the path of the store.
-    fn bake(
-        &self,
-        member: &mut Member,
-        isovalues: &[NamedIsovalue],
-        (cache, path): (&Cache, &mut Option<PathBuf>),
-        seed: u64,
-        console: &Console,
-    ) -> Outcome<Filled> {
-        let resolve = |named: &NamedIsovalue| {
-            let chosen = member.choose_named(named.volume.as_deref(), named.isovalue);
-            chosen.map_err(|e| options::in_scene(e, self.scene.as_ref(), &named.isovalue))
-        };
-        let chosen = isovalues.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
-        member.take_side(&chosen)?;
-        if chosen.is_empty() {
-            member.check_all()?;
-        }
-        let (volume, geometry) = (&*member.volume, member.geometry.as_ref());
-        volume.check_cells()?;
-        volume.notes.iter().for_each(|note| console.note(&note.text));
-        let bands = self.scene.as_ref().and_then(scene::bands).unwrap_or(vec![5]);
-        let layout = layout_of_scene(self.transfer.layout(volume, &bands)?, geometry);
-        let settings = self.transfer.settings(&layout, seed, false);
-        let effects = self.transfer.effects();
-        let job = Request {
-            goal: Goal { error: self.transfer.error, ..Goal::default() },
-            isovalues: (!chosen.is_empty()).then(|| chosen.iter().map(|c| c.value).collect()),
-            memory_limit: self.transfer.memory_limit,
-            writing: if path.is_none() { Writing::of_cache() } else { Writing::default() },
-            geometry,
-            ..Request::new(volume, &member.label, layout, settings, &effects)
-        };
-        baking::check(&job)?;
-        let name = member.is_among_others().then_some(volume.name.as_str());
-        let path = path.get_or_insert_with(|| cache.place(&job));
-        let filled = cache.fill(&job, path, std::time::Instant::now(), console)?;
-        cache.tell(&filled.report, name, path, console);
-        Ok(filled)
     }
 
     /// The isovalues that the scene lists, and the one to begin with; none where all are baked.

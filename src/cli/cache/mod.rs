@@ -9,6 +9,7 @@
 
 pub(super) mod command;
 mod evict;
+pub(super) mod members;
 
 use super::baking;
 use super::console::Console;

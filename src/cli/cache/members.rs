@@ -1,0 +1,82 @@
+//! Bakes of the volumes of a scene, one after the other, into one store of the cache.
+
+use super::{Cache, Filled};
+use crate::bake::{Goal, Request, Writing, layout_of_scene};
+use crate::cli::bake_report::Told;
+use crate::cli::console::Console;
+use crate::cli::isovalue::{Chosen, NamedIsovalue};
+use crate::cli::options::{self, TransferArgs};
+use crate::cli::{Outcome, baking, scene};
+use crate::error::Result;
+use crate::file::size_on_disk;
+use crate::scene::{Member, SceneFile};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// What the bakes of all volumes have in common.
+pub(in crate::cli) struct MemberBakes<'a> {
+    pub(in crate::cli) cache: &'a Cache,
+    pub(in crate::cli) transfer: &'a TransferArgs,
+    pub(in crate::cli) file: Option<&'a SceneFile>,
+    pub(in crate::cli) seed: u64,
+    /// When the command began.
+    pub(in crate::cli) start: Instant,
+    pub(in crate::cli) console: &'a Console,
+    /// The store, which the first volume decides.
+    path: Option<PathBuf>,
+}
+
+impl<'a> MemberBakes<'a> {
+    pub(in crate::cli) fn new(
+        cache: &'a Cache,
+        transfer: &'a TransferArgs,
+        file: Option<&'a SceneFile>,
+        seed: u64,
+        start: Instant,
+        console: &'a Console,
+    ) -> Self {
+        Self { cache, transfer, file, seed, start, console, path: None }
+    }
+
+    /// The store, once the first volume was baked.
+    pub(in crate::cli) fn path(&self) -> Option<&Path> {
+        self.path.as_deref()
+    }
+
+    /// The isovalues of a volume that belong to those asked for.
+    pub(in crate::cli) fn choose(&self, member: &Member, asked: &[NamedIsovalue]) -> Result<Vec<Chosen>> {
+        let choose = |named: &NamedIsovalue| {
+            let chosen = member.choose_named(named.volume.as_deref(), named.isovalue);
+            chosen.map_err(|e| options::in_scene(e, self.file, &named.isovalue))
+        };
+        asked.iter().map(choose).collect()
+    }
+
+    /// Bakes a volume for these isovalues, or for all.
+    pub(in crate::cli) fn bake(&mut self, member: &Member, isovalues: Option<Vec<f64>>) -> Outcome<Filled> {
+        let (volume, geometry, transfer) = (&*member.volume, member.geometry.as_ref(), self.transfer);
+        volume.check_cells()?;
+        volume.notes.iter().for_each(|note| self.console.note(&note.text));
+        let bands = self.file.and_then(scene::bands).unwrap_or(vec![5]);
+        let layout = layout_of_scene(transfer.layout(volume, &bands)?, geometry);
+        let settings = transfer.settings(&layout, self.seed, false);
+        let effects = transfer.effects();
+        let job = Request {
+            goal: Goal { error: transfer.error, ..Goal::default() },
+            isovalues,
+            memory_limit: transfer.memory_limit,
+            writing: if self.path.is_none() { Writing::of_cache() } else { Writing::default() },
+            geometry,
+            ..Request::new(volume, &member.label, layout, settings, &effects)
+        };
+        baking::check(&job)?;
+        let path = self.path.get_or_insert_with(|| self.cache.place(&job));
+        let filled = self.cache.fill(&job, path, self.start, self.console)?;
+        let name = member.is_among_others().then_some(volume.name.as_str());
+        self.cache.tell(&filled.report, name, path, self.console);
+        if filled.report.chunks_baked > 0 {
+            self.console.detail(filled.report.lines(size_on_disk(path)));
+        }
+        Ok(filled)
+    }
+}
