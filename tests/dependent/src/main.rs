@@ -5,7 +5,7 @@ use isolume::level::Pyramid;
 use isolume::relight::{Light, Material, Textures, contract};
 use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{Lattice, Layers, Layout, MemoryTexture};
-use isolume::transport::{Bake, Progress, Settings, bake};
+use isolume::transport::{Bake, ChunkBricks, Progress, Settings, bake};
 use isolume::volume::{Samples, Volume};
 
 fn main() -> isolume::Result<()> {
@@ -18,7 +18,7 @@ fn main() -> isolume::Result<()> {
     let selection = texels_of_isosurface(&volume, layout.lattice, 5.0);
     let job = Bake::new(&volume, &pyramid, &layout, &settings, &selection);
     let mut texture = MemoryTexture::new(layout.clone());
-    let mut keep = |chunk, mut groups| texture.insert_chunk(chunk, groups.swap_remove(0));
+    let mut keep = |chunk, mut groups: ChunkBricks| texture.insert_chunk(chunk, groups.swap_remove(0));
     bake(&job, &job.chunks(), &Progress::default(), &|_| Ok(None), &mut keep)?;
 
     let (mesh, light) = (isolume::surface::extract(&volume, 5.0)?, Light::constant([1.0; 3]));
