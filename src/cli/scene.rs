@@ -38,8 +38,10 @@ pub(super) fn parse(line: Vec<OsString>) -> Result<std::result::Result<Cli, clap
     let file = SceneFile::read(&input)?;
     let is_given =
         |id: &str| given.try_contains_id(id).is_ok() && given.value_source(id) == Some(ValueSource::CommandLine);
-    // A pilot chooses what the scene says of quality.
-    let is_chosen = |id: &str| is_given("auto") && ["rays", "error", "texture"].contains(&id);
+    // A pilot chooses what the scene says of quality; a goal is not cut off at the rays that the scene says without it.
+    let has_goal = is_given("error") || is_given("time");
+    let is_chosen =
+        |id: &str| is_given("auto") && ["rays", "error", "texture"].contains(&id) || has_goal && id == "rays";
     let absent = |id: &str| given.try_contains_id(id).is_ok() && !is_given(id) && !is_chosen(id);
     let options =
         options(&file, &command).into_iter().filter(|(id, _)| absent(id)).map(|(_, text)| OsString::from(text));

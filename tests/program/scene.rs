@@ -274,6 +274,9 @@ fn luminaires_are_relit_without_rays() {
     let to_error = bench.json("bake room.toml --error 20% --rays 64 -o error.isolume");
     let (target, found) = (&to_error["bake"]["error_target"], &to_error["bake"]["escape_stderr"]["p50"]);
     assert!(*target == 0.2 && found.as_f64().is_some_and(|e| e <= 0.2), "{to_error}");
+    // A goal is not cut off at the rays of the scene.
+    let cut = bench.json("bake room.toml --error 30% -o goal.isolume");
+    assert_eq!(cut["bake"]["rays_per_texel"], 4096);
     assert!(to_error["bake"]["escape_stderr"]["of"].as_str().is_some_and(|of| of.contains("luminaires")), "{to_error}");
     // Without a luminaire an environment must be named.
     bench.command("relight plain.isolume --isovalue 47 -o x.ply").assert().code(2);
