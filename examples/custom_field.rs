@@ -13,8 +13,7 @@ impl Field for Metaballs {
         "metaballs"
     }
     fn value(&self, p: DVec3) -> f64 {
-        let ball = |x: f64| 1.0 / (p - DVec3::new(x, 0.0, 0.0)).length_squared().max(1e-6);
-        ball(-0.5) + ball(0.5)
+        [-0.5, 0.5].iter().map(|x| 1.0 / (p - DVec3::X * x).length_squared().max(1e-6)).sum()
     }
     fn bounds(&self) -> Bounds {
         Bounds { min: DVec3::splat(-1.5), max: DVec3::splat(1.5) }
@@ -27,7 +26,7 @@ impl Field for Metaballs {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scene = Scene::of(sample(&Metaballs, [49; 3])?);
     let store = std::env::args().nth(1).ok_or("name a store")?;
-    let (_, reports) = Bake::of(&scene).isovalues([7.0]).run(store, &Silent)?;
+    let reports = Bake::of(&scene).isovalues([7.0]).run(store, &Silent)?.1;
     println!("{:.1} % of the sky is seen, in the mean", 100.0 * reports[0].summary.mean_escapes()[0]);
     Ok(())
 }
