@@ -209,3 +209,46 @@ impl<'a> Bake<'a> {
         Ok((Store::open(path)?, reports))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Silent;
+    use super::*;
+    use crate::volume::field;
+
+    #[test]
+    fn what_makes_no_sense_is_refused_by_name_and_leaves_no_store() {
+        let volume = field::by_name("bumpbox:8").unwrap().unwrap().sample().unwrap();
+        let scene = Scene::of(volume);
+        let folder = tempfile::tempdir().unwrap();
+        let bake = || Bake::of(&scene).isovalues([47.0]).rays(16);
+        let light = |albedo| ForLight {
+            name: "white".into(),
+            name_in_store: "white".into(),
+            light: [1; 3].map(crate::sh::Coefficients::zero),
+            albedo,
+        };
+        for (name, bake) in [
+            ("bands", bake().layers(0)),
+            ("bands", bake().bands(0)),
+            ("rays", bake().rays(3)),
+            ("texture", bake().texture(f64::NAN)),
+            ("isovalue", bake().isovalues([f64::NAN])),
+            ("isovalues", bake().isovalues([])),
+            ("error", bake().error(0.0)),
+            ("error", bake().error(-1.0)),
+            ("error", bake().error(f32::NAN)),
+            ("seconds", bake().seconds(-1.0)),
+            ("seconds", bake().seconds(f64::INFINITY)),
+            ("albedo", bake().error(0.1).for_light(light(f32::NAN))),
+        ] {
+            let path = folder.path().join("x.isolume");
+            match bake.run(&path, &Silent).map(|_| ()) {
+                Err(Error::Argument { name: found, .. }) => assert_eq!(found, name),
+                other => panic!("{name}: {other:?}"),
+            }
+            assert!(!path.exists(), "{name}");
+        }
+        assert!([(0, 0), (0, 2), (3, 2)].iter().all(|&(i, n)| bake().share(i, n).is_err()));
+    }
+}

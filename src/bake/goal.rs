@@ -34,6 +34,25 @@ pub struct Goal {
     pub seconds: Option<f64>,
 }
 
+impl Goal {
+    /// Refuses errors and times that no bake can have, and an albedo that is none.
+    pub(super) fn check(&self) -> Result<()> {
+        let given = [("error", self.error.map(f64::from)), ("seconds", self.seconds)];
+        for (name, value) in given {
+            if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
+                let remedy = if name == "error" { "give for example 0.01" } else { "give for example 60" };
+                return Err(Error::argument(name, value, "a finite number above 0", remedy));
+            }
+        }
+        match &self.light {
+            Some(light) if !(0.0..=1.0).contains(&light.albedo) => {
+                Err(Error::argument("albedo", light.albedo, "0 to 1", "give that of the surface under this light"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
 /// What `--error` without an environment is a standard error of, as it stands in stores.
 pub const ESCAPE: &str = "sum of a_k, and a_0";
 /// The same in a scene with luminaires, whose light is measured at albedo 0.7.

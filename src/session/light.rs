@@ -74,7 +74,7 @@ impl<'p> Lighting<'p> {
     /// transfer.
     ///
     /// # Errors
-    /// When the rotation is not finite, or light with negative pixels is to be certified.
+    /// When the rotation is not finite, no band is left, or light with negative pixels is to be certified.
     pub fn new(probe: &'p Probe, up: Up, layers: &Layers, options: &LightOptions) -> Result<Self> {
         let is_certified = options.window == Window::Certified;
         if is_certified && probe.image.pixels().iter().flatten().any(|&v| v < 0.0) {
@@ -82,6 +82,14 @@ impl<'p> Lighting<'p> {
             return Err(Error::argument("window", "certified", "an environment without negative pixels", remedy));
         }
         let most = layers.max_bands();
+        if options.bands == Some(0) {
+            return Err(Error::argument(
+                "bands",
+                0,
+                "at least 1",
+                "1 band is light of the same strength from everywhere",
+            ));
+        }
         let bands = options.bands.map_or(most, |b| b.min(most));
         let orientation = options.orientation(up)?;
         let whole = probe.coefficients_in_world(bands, orientation);

@@ -8,27 +8,19 @@
 //! [`Member::extract`], [`Member::select`], [`Session::surface_of`]; [`Surface::contract`], [`LitTexels::look_up`].
 //!
 //! ```
-//! # use isolume::bake::{self, Request, Silent};
-//! # use isolume::scene::Effects;
-//! # use isolume::transfer::{Lattice, Layers, Layout};
-//! # use isolume::transport::Settings;
-//! # use isolume::volume::field;
+//! # use isolume::{Bake, Silent};
 //! use isolume::probe;
 //! use isolume::relight::Material;
 //! use isolume::session::{LightOptions, LitOptions, MeshOptions, Session};
 //!
 //! # fn main() -> isolume::Result<()> {
 //! # let folder = tempfile::tempdir().map_err(|e| isolume::Error::io("", "make a folder", e))?;
-//! # let volume = field::by_name("bumpbox:12")?.expect("a field").sample()?;
-//! # let layers = Layers::uniform(2, 3)?;
-//! # let layout = Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0)?, layers: layers.clone() };
-//! # let settings = Settings { layers, rays: 16, seed: 0, target: None, positive: false };
-//! # let effects = Effects::default();
-//! # let request = Request::new(&volume, "bumpbox:12", layout, settings, &effects);
-//! # let (store, _) = bake::run(&request, &folder.path().join("bumps.isolume"), &Silent)?;
+//! # let scene = isolume::Scene::open("bumpbox:12")?;
+//! # let bake = Bake::of(&scene).isovalues([47.0]).layers(2).bands(3).rays(16);
+//! # let (store, _) = bake.run(folder.path().join("bumps.isolume"), &Silent)?;
 //! let session = Session::open(&store)?;
 //! let surface = session.surface(47.0)?;
-//! let probe = probe::by_name("sky")?.expect("a sky");
+//! let probe = probe::open("sky", &Default::default())?;
 //! let light = session.light(&probe, &LightOptions::default())?;
 //! let lit = surface.lit(&light, &Material::new([0.7; 3], [0.0; 3])?, &LitOptions::default())?;
 //! lit.write_gltf(folder.path().join("bumps.glb"), &MeshOptions::default())?;
@@ -174,12 +166,13 @@ impl<'a> Session<'a> {
     /// The isovalue of every member that belongs to one of member number `of`, as the store couples them.
     ///
     /// # Errors
-    /// When the isovalue has no partner.
-    ///
-    /// # Panics
-    /// When there is no such member.
+    /// When there is no such member, or the isovalue has no partner.
     pub fn isovalues(&self, of: usize, isovalue: f64) -> Result<Vec<f64>> {
-        self.members.iter().map(|partner| partnered(&self.members[of], partner, isovalue)).collect()
+        let Some(member) = self.members.get(of) else {
+            let expected = format!("a number below {}, that of the volumes", self.members.len());
+            return Err(Error::argument("member", of, expected, "take that of Session::member"));
+        };
+        self.members.iter().map(|partner| partnered(member, partner, isovalue)).collect()
     }
 
     /// The isosurface of an isovalue of the first member, with those of the others that belong to it.

@@ -102,13 +102,15 @@ impl<'s> Surface<'s> {
     /// Multiplies light and transfer, at the texels that lookups read.
     ///
     /// # Errors
-    /// As [`radiance_of_bricks`].
+    /// As [`radiance_of_bricks`]; a material that is none ([`Material::new`]).
     pub fn contract<'t>(
         &'t self,
         lighting: &'t Lighting<'t>,
         material: &Material,
         luminaires: &[LuminaireFactor],
     ) -> Result<LitTexels<'t>> {
+        // Its fields are open to whoever writes them.
+        Material::new(material.albedo, material.emission)?;
         let all = self.parts.iter().zip(self.session.members());
         let all =
             all.map(|(part, member)| radiance_of_bricks(member.store(), &part.bricks, lighting, material, luminaires));

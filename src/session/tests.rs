@@ -86,6 +86,10 @@ fn unknown_luminaires_members_and_negative_light_that_is_to_be_certified_are_ref
         "luminaire",
     );
     refused(session.member("other").map(|_| ()), "isovalue");
+    refused(session.isovalues(1, ISOVALUE).map(|_| ()), "member");
+    refused(session.light(&probe, &LightOptions { bands: Some(0), ..Default::default() }).map(|_| ()), "bands");
+    let bare = Material { albedo: [f32::NAN; 3], ..material() };
+    refused(surface.lit(&light, &bare, &LitOptions::default()).map(|_| ()), "albedo");
     let picture = PictureOptions {
         scale_bar: true,
         projection: crate::render::Projection::Perspective(35.0),
