@@ -2,14 +2,16 @@
 
 use super::bake_report::Told;
 use super::console::{Console, interrupts};
-use super::options::{self, BakeArgs};
+use super::options::{self, BakeArgs, TransferArgs};
 use super::{Outcome, plan_table, signals};
-use crate::bake::{self, Goal, Hints, Observer, Report, Request, Task};
+use crate::bake::{self, Goal, Hints, Observer, Report, Request, Task, Writing, layout_of_scene};
 use crate::error::Result;
+use crate::scene::geometry::Geometry;
 use crate::scene::{Effects, Member, Plan, SceneFile};
 use crate::transfer::Layout;
 use crate::transfer::store::Store;
 use crate::transport::{Progress, Settings};
+use crate::volume::Volume;
 use std::path::Path;
 use std::sync::Mutex;
 use std::time::Instant;
@@ -34,6 +36,28 @@ pub(super) fn request<'a>(
         geometry: opened.geometry.as_ref(),
         ..Request::new(volume, &opened.label, layout, settings, effects)
     }
+}
+
+/// What a store of the cache is baked for: the volume of `relight` and `view`, for these isovalues or for all. `bands` are those
+/// of the layers of the texture.
+pub(super) fn request_of_cache<'a>(
+    (volume, label, geometry): (&'a Volume, &'a str, Option<&'a Geometry>),
+    transfer: &TransferArgs,
+    bands: &[u8],
+    isovalues: Option<Vec<f64>>,
+    seed: u64,
+    effects: &'a Effects,
+) -> Result<Request<'a>> {
+    let layout = layout_of_scene(transfer.layout(volume, bands)?, geometry);
+    let settings = transfer.settings(&layout, seed, false);
+    Ok(Request {
+        goal: Goal { error: transfer.error, ..Goal::default() },
+        isovalues,
+        memory_limit: transfer.memory_limit,
+        writing: Writing::of_cache(),
+        geometry,
+        ..Request::new(volume, label, layout, settings, effects)
+    })
 }
 
 /// What a scene says of the light to come, of some isovalues or of all.

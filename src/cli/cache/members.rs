@@ -1,7 +1,7 @@
 //! Bakes of the volumes of a scene, one after the other, into one store of the cache.
 
 use super::{Cache, Filled};
-use crate::bake::{Goal, Request, Writing, layout_of_scene};
+use crate::bake::{Request, Writing};
 use crate::cli::bake_report::Told;
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, NamedIsovalue};
@@ -54,21 +54,15 @@ impl<'a> MemberBakes<'a> {
 
     /// Bakes a volume for these isovalues, or for all.
     pub(in crate::cli) fn bake(&mut self, member: &Member, isovalues: Option<Vec<f64>>) -> Outcome<Filled> {
-        let (volume, geometry, transfer) = (&*member.volume, member.geometry.as_ref(), self.transfer);
+        let volume = &*member.volume;
         volume.check_cells()?;
         volume.notes.iter().for_each(|note| self.console.note(&note.text));
-        let bands = self.file.and_then(scene::bands).unwrap_or(vec![5]);
-        let layout = layout_of_scene(transfer.layout(volume, &bands)?, geometry);
-        let settings = transfer.settings(&layout, self.seed, false);
-        let effects = transfer.effects();
-        let job = Request {
-            goal: Goal { error: transfer.error, ..Goal::default() },
-            isovalues,
-            memory_limit: transfer.memory_limit,
-            writing: if self.path.is_none() { Writing::of_cache() } else { Writing::default() },
-            geometry,
-            ..Request::new(volume, &member.label, layout, settings, &effects)
-        };
+        let (bands, effects) = (self.file.and_then(scene::bands).unwrap_or(vec![5]), self.transfer.effects());
+        let of_member = (volume, member.label.as_str(), member.geometry.as_ref());
+        let job = baking::request_of_cache(of_member, self.transfer, &bands, isovalues, self.seed, &effects)?;
+        // The first decides the name of the store, which proves whose it is; the others only join it.
+        let writing = if self.path.is_none() { job.writing } else { Writing::default() };
+        let job = Request { writing, ..job };
         baking::check(&job)?;
         let path = self.path.get_or_insert_with(|| self.cache.place(&job));
         let filled = self.cache.fill(&job, path, self.start, self.console)?;

@@ -2,7 +2,7 @@
 
 use super::file::Context;
 use super::{Draft, LitSurface, Relight, Relit};
-use crate::bake::{Goal, Request, Writing, layout_of_scene};
+use crate::bake::{Goal, Request};
 use crate::cli::bake_report::Told;
 use crate::cli::baking;
 use crate::cli::cache::{Cache, Filled, InUse};
@@ -158,18 +158,10 @@ impl<'a> Work<'a> {
 
     /// Bakes what the isosurfaces need, coarsely first where the whole takes long, and lights them each time.
     pub(super) fn bake_and_light(&self, label: &str, seed: u64) -> Outcome<Relit> {
-        let transfer = &self.command.transfer;
         let bands = self.command.scene.as_ref().and_then(scene::bands).unwrap_or(vec![5]);
-        let layout = layout_of_scene(transfer.layout(self.volume, &bands)?, self.geometry);
-        let settings = transfer.settings(&layout, seed, false);
-        let job = Request {
-            goal: Goal { error: transfer.error, ..Goal::default() },
-            isovalues: Some(self.isovalues.clone()),
-            memory_limit: transfer.memory_limit,
-            geometry: self.geometry,
-            writing: Writing::of_cache(),
-            ..Request::new(self.volume, label, layout, settings, &self.effects)
-        };
+        let (of_volume, isovalues) = ((self.volume, label, self.geometry), Some(self.isovalues.clone()));
+        let transfer = &self.command.transfer;
+        let job = baking::request_of_cache(of_volume, transfer, &bands, isovalues, seed, &self.effects)?;
         baking::check(&job)?;
         let cache = Cache::locate(self.command.cache.as_deref())?;
         cache.prepare()?;
