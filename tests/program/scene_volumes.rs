@@ -261,6 +261,13 @@ fn shares_of_several_volumes_are_the_whole() {
     });
     assert!(!whole.is_empty() && whole == both && whole == merged);
     assert!(bench.refuses("relight 1.isolume --isovalue 47 --env sky -o x.ply").contains("never baked"));
+    // What was not baked together is refused before anything is written.
+    bench.run("bake gyroid:9 --isovalues 0.6 --rays 4 -o alone.isolume");
+    bench.run("bake bumpbox:12 --isovalues 47 --rays 4 -o bumps.isolume");
+    for stores in ["1.isolume alone.isolume", "alone.isolume 1.isolume", "alone.isolume bumps.isolume"] {
+        let message = bench.refuses(&format!("merge {stores} -o bad.isolume"));
+        assert!(message.contains("shares of one bake") && !bench.path("bad.isolume").exists(), "{stores}: {message}");
+    }
 }
 
 /// A texel of one of two volumes, path by path: what it turned on is named.

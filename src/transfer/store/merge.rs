@@ -1,5 +1,6 @@
 //! Putting together what was baked apart: the chunks of one store taken over into another of the same identity.
 
+use super::joint::expects;
 use super::{Store, StoreOptions};
 use crate::error::{Error, Result};
 use crate::grid3;
@@ -54,6 +55,19 @@ impl StoreOptions {
                 }
             }
             all.push(parts);
+        }
+        // Volumes of different names only go together where they were baked together.
+        let firsts: Vec<&Store> = all.iter().filter_map(|parts| Some(&parts.first()?.1)).collect();
+        for (i, one) in firsts.iter().enumerate() {
+            if let Some(other) = firsts[..i].iter().find(|other| !expects(other, one.identity())) {
+                return Err(Error::Mismatch {
+                    path: one.path().into(),
+                    field: "volume".into(),
+                    stored: one.node().into(),
+                    asked: other.node().into(),
+                    remedy: format!("merge only shares of one bake; {} was the first", first.path().display()),
+                });
+            }
         }
         let mut reports = vec![MergeReport::default(); sources.len()];
         let mut lock = None;
