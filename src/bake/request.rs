@@ -267,9 +267,10 @@ impl Request<'_> {
     /// Refuses what cannot be done, before any work.
     ///
     /// # Errors
-    /// When a goal is no positive number, the list of isovalues is empty, the bake needs more memory than allowed, or asks of its estimator or its scene what they cannot do.
+    /// When a goal is no positive number, rays are no power of two of at least 4, the list of isovalues is empty, the bake needs more memory than allowed, or asks of its estimator or its scene what they cannot do.
     pub fn check(&self) -> Result<()> {
         self.goal.check()?;
+        self.settings.check()?;
         if self.isovalues.as_ref().is_some_and(Vec::is_empty) {
             let expected = "one isovalue at least, or no list for all of them";
             return Err(Error::argument("isovalues", "an empty list", expected, "leave the list out to bake all"));

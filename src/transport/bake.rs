@@ -88,14 +88,7 @@ impl<'a> Bake<'a> {
 
     pub(super) fn check(&self) -> Result<()> {
         self.volume.check_cells()?;
-        if !self.settings.rays.is_power_of_two() || self.settings.rays < super::REPLICATES as u32 {
-            return Err(Error::argument(
-                "rays",
-                self.settings.rays,
-                "a power of two, at least 4",
-                "16 is a preview, 64 a draft, 256 final, 4096 a reference",
-            ));
-        }
+        self.settings.check()?;
         match self.geometry {
             Some(geometry) => self.check_scene(geometry),
             None => Ok(()),

@@ -18,6 +18,7 @@
 
 use super::REPLICATES;
 use super::sums::combine_paths;
+use crate::error::{Error, Result};
 use crate::geom::{Frame, Normal};
 use crate::level::{Counts, Crossing, Hit, LevelField, Outcome, Site, Start};
 use crate::sampling::{PathSampler, warp};
@@ -110,6 +111,18 @@ pub fn radiance_weights(layers: &Layers, light: &[f32], albedo: f32, mean: f32) 
 }
 
 impl Settings {
+    /// Refuses a number of rays that no bake has.
+    ///
+    /// # Errors
+    /// When it is not a power of two of at least 4.
+    pub fn check(&self) -> Result<()> {
+        if self.rays.is_power_of_two() && self.rays >= REPLICATES as u32 {
+            return Ok(());
+        }
+        let remedy = "16 is a preview, 64 a draft, 256 final, 4096 a reference";
+        Err(Error::argument("rays", self.rays, "a power of two, at least 4", remedy))
+    }
+
     /// Paths per replicate.
     pub(super) fn points(&self) -> usize {
         (self.rays as usize / REPLICATES).max(1)
