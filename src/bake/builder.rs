@@ -9,12 +9,13 @@ use crate::transport::Settings;
 use crate::volume::Isovalue;
 use std::path::Path;
 
-/// Rays of a texel where nothing says how many, and the most where it stops at an error or a time.
+/// Rays of a texel where nothing says how many of an estimator that has no goals, and the most where it stops at an error or a
+/// time.
 const RAYS: u32 = 64;
 const MOST_RAYS: u32 = 4096;
 
-/// A bake of all volumes of a scene: of all isovalues, 4 layers of 5 bands, as many texels as samples, 64 rays each, unless told
-/// otherwise. The same bake into the same store goes on where it stopped, and ends with the same bytes.
+/// A bake of all volumes of a scene: of all isovalues, 4 layers of 5 bands, as many texels as samples, as many rays as
+/// [`Goal::usual`] needs, unless told otherwise. Named isovalues are baked at the vertices of their isosurfaces. The same bake into the same store goes on where it stopped, and ends with the same bytes.
 ///
 /// ```
 /// use isolume::bake::{Bake, Silent};
@@ -25,7 +26,7 @@ const MOST_RAYS: u32 = 4096;
 /// let scene = Scene::open("bumpbox:12")?;
 /// let bake = Bake::of(&scene).isovalues([47.0]).layers(2).bands(3).error(0.1);
 /// let (store, reports) = bake.run(folder.path().join("bumps.isolume"), &Silent)?;
-/// assert!(reports[0].summary.errors.quantile(0.5) <= 0.1 && store.holdings()?.isovalues == [47.0]);
+/// assert!(reports[0].summary.errors.quantile(0.5) <= 0.1 && store.holdings()?.surfaces == [47.0]);
 /// # Ok(())
 /// # }
 /// ```
@@ -34,7 +35,7 @@ const MOST_RAYS: u32 = 4096;
 pub struct Bake<'a> {
     scene: &'a Scene,
     isovalues: Option<Vec<f64>>,
-    texture: f64,
+    texture: Option<f64>,
     layers: usize,
     bands: usize,
     rays: Option<u32>,
@@ -54,7 +55,7 @@ impl<'a> Bake<'a> {
         Self {
             scene,
             isovalues: None,
-            texture: 1.0,
+            texture: None,
             layers: 4,
             bands: 5,
             rays: None,
@@ -69,15 +70,16 @@ impl<'a> Bake<'a> {
         }
     }
 
-    /// Only the texels that these isosurfaces look up, in the values of the file (of the first volume, where there are several).
+    /// Only these isosurfaces, at their vertices, or with [`Self::texture`] the texels that they look up; in the values of the file (of the first volume, where there are several).
     /// [`Member::choose`] makes values of percentages, `auto` and others.
     pub fn isovalues(self, isovalues: impl IntoIterator<Item = f64>) -> Self {
         Self { isovalues: Some(isovalues.into_iter().collect()), ..self }
     }
 
-    /// Texels for each sample along an axis, such as 0.5 or 2.
+    /// A texture of so many texels for each sample along an axis, such as 0.5 or 2, for named isovalues, too: it serves those
+    /// that are not named, exports of volumes, and the slider of the page. 1 where all isovalues are baked.
     pub fn texture(self, ratio: f64) -> Self {
-        Self { texture: ratio, ..self }
+        Self { texture: Some(ratio), ..self }
     }
 
     /// Stored layers: 1 is direct light alone, n has n − 1 reflections and the tail beyond.
@@ -105,7 +107,8 @@ impl<'a> Bake<'a> {
         Self { positive, ..self }
     }
 
-    /// Stops a texel at this standard error, 1 being an unoccluded texel, or the mean radiance under [`Self::for_light`].
+    /// Stops at this root mean square over the texels of the standard error of the radiance, over its mean: under white light, or
+    /// under [`Self::for_light`].
     pub fn error(mut self, error: f32) -> Self {
         self.goal.error = Some(error);
         self
@@ -117,9 +120,9 @@ impl<'a> Bake<'a> {
         self
     }
 
-    /// Measures errors by the radiance under this environment.
+    /// Measures errors by the radiance under this environment; under each, where there are several.
     pub fn for_light(mut self, light: ForLight) -> Self {
-        self.goal.light = Some(light);
+        self.goal.lights.push(light);
         self
     }
 
@@ -170,10 +173,14 @@ impl<'a> Bake<'a> {
             Some(list) => Some(list.iter().map(choose).collect::<Result<Vec<f64>>>()?),
             None => None,
         };
-        let lattice = Lattice::from_ratio(member.volume.dims(), self.texture)?;
+        let lattice = Lattice::from_ratio(member.volume.dims(), self.texture.unwrap_or(1.0))?;
         let plain = Layout { lattice, layers: Layers::uniform(self.layers, self.bands)? };
         let layout = layout_of_scene(plain, member.geometry.as_ref());
-        let stops = self.goal.error.is_some() || self.goal.seconds.is_some();
+        let goal = match (self.goal.error, self.goal.seconds, self.rays) {
+            (None, None, None) if self.estimator == Estimator::Path => Goal::usual(self.goal.lights.clone()),
+            _ => self.goal.clone(),
+        };
+        let stops = goal.error.is_some() || goal.seconds.is_some();
         let settings = Settings {
             layers: layout.layers.clone(),
             rays: self.rays.unwrap_or(if stops { MOST_RAYS } else { RAYS }),
@@ -181,9 +188,11 @@ impl<'a> Bake<'a> {
             target: None,
             positive: self.positive,
         };
+        let surfaces = isovalues.is_some() && self.texture.is_none() && self.estimator == Estimator::Path;
         Ok(Request {
             isovalues,
-            goal: self.goal.clone(),
+            surfaces,
+            goal,
             estimator: self.estimator,
             share: self.share,
             memory_limit: self.memory_limit,
@@ -226,6 +235,7 @@ mod tests {
             name: "white".into(),
             name_in_store: "white".into(),
             light: [1; 3].map(crate::sh::Coefficients::zero),
+            direct: None,
             albedo,
         };
         for (name, bake) in [

@@ -5,9 +5,9 @@ use super::request::Request;
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::sh::Coefficients;
-use crate::transfer::Selection;
+use crate::transfer::{Layers, Selection};
 use crate::transfer::store::{Baked, ErrorTarget, Store};
-use crate::transport::{Settings, Target, pilot, radiance_weights, trial};
+use crate::transport::{ErrorHistogram, Settings, Target, pilot, radiance_weights, trial};
 use serde_json::json;
 
 /// An environment that errors are measured by.
@@ -19,22 +19,54 @@ pub struct ForLight {
     pub name_in_store: String,
     /// Red, green and blue in world axes.
     pub light: [Coefficients; 3],
+    /// What light that was not reflected yet sees of it, where lamps are lit apart; all of it, if `None`.
+    pub direct: Option<[Coefficients; 3]>,
     /// Albedo of the surface under it.
     pub albedo: f32,
+}
+
+impl ForLight {
+    /// The same radiance from everywhere, on a surface of albedo 0.7.
+    pub fn white() -> Self {
+        let light = [1.0; 3].map(|radiance| Coefficients::constant(1, radiance));
+        let name = "white light".to_owned();
+        Self { name_in_store: name.clone(), name, light, direct: None, albedo: ALBEDO }
+    }
 }
 
 /// What the user wants reached.
 #[derive(Clone, Debug, Default)]
 pub struct Goal {
-    /// Standard error of each texel.
+    /// Root mean square over the texels of the standard error of the radiance, over its mean.
     pub error: Option<f32>,
-    /// Of what, if not of Σ a_k and a_0.
-    pub light: Option<ForLight>,
+    /// Under which lights, in each of them; if there is none under white light, and that of the luminaires.
+    pub lights: Vec<ForLight>,
+    /// Most paths over all texels: where they do not suffice the goal is missed.
+    pub most_paths: Option<u64>,
     /// Seconds from the start of the command ([`Observer::seconds`]); trials find the error that they allow.
     pub seconds: Option<f64>,
 }
 
+/// The error that is aimed at where nothing is asked for, and the most paths that it may take.
+const USUAL_ERROR: f32 = 0.02;
+const USUAL_PATHS: u64 = 1 << 28;
+/// Fewest paths of a texel, whatever most_paths says.
+const FEWEST: u32 = 64;
+
 impl Goal {
+    /// What is aimed at where nothing is asked for: 2 % under some lights, or white light if there is none, by at most 2^28
+    /// paths.
+    pub fn usual(lights: Vec<ForLight>) -> Self {
+        Self { error: Some(USUAL_ERROR), lights, most_paths: Some(USUAL_PATHS), seconds: None }
+    }
+
+    /// Most paths of each of so many texels: `rays`, or the largest power of two that [`Self::most_paths`] allows.
+    pub(super) fn rays(&self, rays: u32, texels: u64) -> u32 {
+        let allowed = self.most_paths.map_or(u64::from(u32::MAX), |most| most / texels.max(1));
+        let allowed = u32::try_from(allowed).unwrap_or(u32::MAX).max(FEWEST);
+        rays.min(1 << allowed.ilog2())
+    }
+
     /// Refuses errors and times that no bake can have, and an albedo that is none.
     pub(super) fn check(&self) -> Result<()> {
         let given = [("error", self.error.map(f64::from)), ("seconds", self.seconds)];
@@ -44,19 +76,17 @@ impl Goal {
                 return Err(Error::argument(name, value, "a finite number above 0", remedy));
             }
         }
-        match &self.light {
-            Some(light) if !(0.0..=1.0).contains(&light.albedo) => {
+        match self.lights.iter().find(|light| !(0.0..=1.0).contains(&light.albedo)) {
+            Some(light) => {
                 Err(Error::argument("albedo", light.albedo, "0 to 1", "give that of the surface under this light"))
             }
-            _ => Ok(()),
+            None => Ok(()),
         }
     }
 }
 
-/// What `--error` without an environment is a standard error of, as it stands in stores.
+/// What the error of a bake without an environment was of in older stores: a standard error of every texel.
 pub const ESCAPE: &str = "sum of a_k, and a_0";
-/// The same in a scene with luminaires, whose light is measured at albedo 0.7.
-pub const ESCAPE_AND_LUMINAIRES: &str = "sum of a_k, and a_0; light of luminaires over its mean";
 const ALBEDO: f32 = 0.7;
 /// Texels and rays of the trial that gives the mean radiance under an environment.
 const MEAN_TEXELS: u64 = 4096;
@@ -77,85 +107,122 @@ pub(super) struct Quality {
 }
 
 /// Makes targets of one kind for any error.
-struct Kind<'a> {
-    job: &'a Request<'a>,
+struct Kind {
     of: String,
-    /// Weights of the lights over their mean radiance; none for Σ a_k and a_0.
-    weights: Option<Vec<Vec<f32>>>,
+    /// Weights of the lights over their mean radiance.
+    weights: Vec<Vec<f32>>,
     /// Of each luminaire and layer, over the mean radiance.
     luminaires: Vec<Vec<f32>>,
+    /// Errors of a few texels at the fewest paths, what the target names.
+    errors: ErrorHistogram,
 }
 
-impl<'a> Kind<'a> {
-    fn new(job: &'a Request<'a>, pyramid: &Pyramid) -> Result<Self> {
-        let luminaires = job.geometry.map_or(0, |geometry| geometry.luminaires().len());
-        if job.goal.light.is_none() && luminaires == 0 {
-            return Ok(Self { job, of: ESCAPE.into(), weights: None, luminaires: Vec::new() });
-        }
+impl Kind {
+    fn new(job: &Request<'_>, pyramid: &Pyramid) -> Result<Self> {
         let layers = &job.layout.layers;
         // The mean over all isosurfaces, whichever were asked for, so that those asked for later agree.
         let settings = Settings { rays: MEAN_RAYS, target: None, ..job.settings.clone() };
-        let selection = Selection::of_all_isosurfaces(job.layout.lattice, job.volume);
+        let selection = match job.points {
+            Some(_) => job.selection(),
+            None => Selection::of_all_isosurfaces(job.layout.lattice, job.volume),
+        };
         let found = pilot(&job.bake(pyramid, &settings, &selection), MEAN_TEXELS)?;
         let exponents = job.geometry.map_or(Vec::new(), |geometry| geometry.exponents(job.volume));
         let powers: Vec<f64> = exponents.iter().map(|&e| libm::ldexp(1.0, e)).collect();
-        let weights_of_luminaires = |albedo: f32, mean: f64| -> Vec<Vec<f32>> {
-            let of_layers = |power: f64| {
-                let each = std::iter::successors(Some(power * f64::from(albedo)), |w| Some(w * f64::from(albedo)));
-                each.take(layers.len()).map(|w| if mean > 0.0 { (w / mean) as f32 } else { 0.0 }).collect()
-            };
-            powers.iter().map(|&power| of_layers(power)).collect()
-        };
         let mean_of_luminaires = |albedo: f32| -> f64 {
             powers.iter().enumerate().map(|(l, power)| power * found.mean_of_luminaire(l, f64::from(albedo))).sum()
         };
-        let Some(light) = &job.goal.light else {
-            let luminaires = weights_of_luminaires(ALBEDO, mean_of_luminaires(ALBEDO));
-            return Ok(Self { job, of: ESCAPE_AND_LUMINAIRES.into(), weights: None, luminaires });
-        };
-        let narrow = |c: &Coefficients| c.values().iter().map(|&v| v as f32).collect::<Vec<_>>();
-        let lights: Vec<Vec<f32>> = light.light.iter().map(narrow).collect();
-        let of_channel = |l: &Vec<f32>| found.mean_of(&radiance_weights(layers, l, light.albedo, 1.0));
-        let mean = lights.iter().map(of_channel).sum::<f64>() / 3.0 + mean_of_luminaires(light.albedo);
-        if mean.is_nan() || mean <= 0.0 {
-            let found = format!("{}, which lights no texel (mean radiance {mean:.3e})", light.name);
-            let remedy = "give another one, or measure errors without an environment";
-            return Err(Error::argument("environment", found, "one that lights the volume", remedy));
+        let white = [ForLight::white()];
+        let lights = if job.goal.lights.is_empty() { &white } else { job.goal.lights.as_slice() };
+        let (mut weights, mut names, mut luminaires) = (Vec::new(), Vec::new(), Vec::new());
+        let is_usual = job.goal.most_paths.is_some();
+        for light in lights {
+            let albedo = light.albedo;
+            let each = light.light.iter().enumerate().map(|(c, all)| weights_of(layers, light, c, all));
+            let each: Vec<Vec<f32>> = each.collect();
+            let mean = each.iter().map(|w| found.mean_of(w)).sum::<f64>() / 3.0 + mean_of_luminaires(albedo);
+            if mean.is_nan() || mean <= 0.0 {
+                // A light that was not asked for as a measure may be dark.
+                if is_usual {
+                    continue;
+                }
+                let found = format!("{}, which lights no texel (mean radiance {mean:.3e})", light.name);
+                let remedy = "give another one, or measure errors without an environment";
+                return Err(Error::argument("environment", found, "one that lights the volume", remedy));
+            }
+            weights.extend(each.into_iter().map(|w| w.iter().map(|v| v / mean as f32).collect::<Vec<f32>>()));
+            names.push(format!("{}, albedo {albedo}", light.name_in_store));
+            let of_layers = |power: f64| -> Vec<f32> {
+                let each = std::iter::successors(Some(power * f64::from(albedo)), |w| Some(w * f64::from(albedo)));
+                each.take(layers.len()).map(|w| (w / mean) as f32).collect()
+            };
+            let own: Vec<Vec<f32>> = powers.iter().map(|&power| of_layers(power)).collect();
+            // Of several lights the darkest shows the most of their errors.
+            luminaires = match luminaires.is_empty() {
+                true => own,
+                false => larger(&luminaires, &own),
+            };
         }
-        let weights: Vec<Vec<f32>> =
-            lights.iter().map(|l| radiance_weights(layers, l, light.albedo, mean as f32)).collect();
         let mut hash = blake3::Hasher::new();
         for weight in weights.iter().flatten() {
             hash.update(&weight.to_le_bytes());
         }
         let digits = &hash.finalize().to_hex()[..16];
-        let of = format!("radiance over its mean under {}, albedo {} ({digits})", light.name_in_store, light.albedo);
-        Ok(Self { job, of, weights: Some(weights), luminaires: weights_of_luminaires(light.albedo, mean) })
+        let of = format!("RMS of the radiance over its mean under {} ({digits})", names.join("; "));
+        let mut kind = Self { of, weights, luminaires, errors: ErrorHistogram::default() };
+        let settings = Settings { target: Some(kind.target(f32::MAX)), ..settings };
+        kind.errors = pilot(&job.bake(pyramid, &settings, &selection), MEAN_TEXELS)?.errors;
+        Ok(kind)
     }
 
     fn target(&self, error: f32) -> Target {
-        match &self.weights {
-            None => Target { luminaires: self.luminaires.clone(), ..Target::escape(&self.job.layout.layers, error) },
-            Some(weights) => Target { weights: weights.clone(), luminaires: self.luminaires.clone(), error },
+        Target { weights: self.weights.clone(), luminaires: self.luminaires.clone(), error }
+    }
+
+    /// The error at which each texel may stop so that their root mean square is `error`: those that are better at the fewest
+    /// paths make room for others.
+    fn of_each(&self, error: f32) -> f32 {
+        const QUANTILES: usize = 512;
+        let fewest: Vec<f64> =
+            (0..QUANTILES).map(|i| self.errors.quantile((i as f64 + 0.5) / QUANTILES as f64)).collect();
+        let wanted = f64::from(error).powi(2) * QUANTILES as f64;
+        let square = |stop: f64| fewest.iter().map(|e| e.min(stop).powi(2)).sum::<f64>();
+        let (mut low, mut high) = (f64::from(error), f64::from(error) * MOST_ABOVE);
+        if square(high) <= wanted {
+            return high as f32;
         }
+        for _ in 0..32 {
+            let middle = 0.5 * (low + high);
+            (low, high) = if square(middle) <= wanted { (middle, high) } else { (low, middle) };
+        }
+        low as f32
     }
 
     fn quality(&self, error: f32) -> Quality {
         let name = ErrorTarget { error: shortest(error), of: self.of.clone() };
-        Quality { target: Some(self.target(error)), name: Some(name) }
+        Quality { target: Some(self.target(self.of_each(error))), name: Some(name) }
     }
 }
 
-/// The target of an error without an environment, as it stands in stores.
-pub(super) fn without_light(error: f32, has_luminaires: bool) -> ErrorTarget {
-    let of = if has_luminaires { ESCAPE_AND_LUMINAIRES } else { ESCAPE };
-    ErrorTarget { error: shortest(error), of: of.into() }
+/// Weights of the transfer in the radiance of a channel under a light.
+fn weights_of(layers: &Layers, light: &ForLight, channel: usize, all: &Coefficients) -> Vec<f32> {
+    let narrow = |c: &Coefficients| c.values().iter().map(|&v| v as f32).collect::<Vec<_>>();
+    let mut weights = radiance_weights(layers, &narrow(all), light.albedo, 1.0);
+    if let Some(direct) = &light.direct {
+        let own = radiance_weights(layers, &narrow(&direct[channel]), light.albedo, 1.0);
+        let count = layers.bands()[0].pow(2);
+        weights[..count].copy_from_slice(&own[..count]);
+    }
+    weights
 }
 
-/// Whether a target needs no environment.
-pub(super) fn is_without_light(target: &ErrorTarget) -> bool {
-    [ESCAPE, ESCAPE_AND_LUMINAIRES].contains(&target.of.as_str())
+/// The larger of two weights each.
+fn larger(a: &[Vec<f32>], b: &[Vec<f32>]) -> Vec<Vec<f32>> {
+    a.iter().zip(b).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a.max(*b)).collect()).collect()
 }
+
+/// How far above the error of all that of one texel may be.
+const MOST_ABOVE: f64 = 3.0;
 
 /// The decimal number that a user would write for it.
 fn shortest(error: f32) -> f64 {
@@ -186,7 +253,7 @@ impl Request<'_> {
     /// The error that a time allows, as the store recorded it or from trials.
     fn allocate(
         &self,
-        kind: &Kind<'_>,
+        kind: &Kind,
         pyramid: &Pyramid,
         store: &Store,
         everything: impl FnOnce() -> Selection,
@@ -220,7 +287,7 @@ impl Request<'_> {
     /// Bakes a few bricks at growing numbers until the time that the whole would take is the time that is left.
     fn search(
         &self,
-        kind: &Kind<'_>,
+        kind: &Kind,
         pyramid: &Pyramid,
         selection: &Selection,
         seconds: f64,
@@ -230,7 +297,8 @@ impl Request<'_> {
         let total = selection.len() as f64;
         let measure = |error: f64, count: usize| -> Result<f64> {
             let picked: Vec<[usize; 3]> = spread(&bricks, count);
-            let settings = Settings { target: Some(kind.target(error as f32)), ..self.settings.clone() };
+            let target = kind.target(kind.of_each(error as f32));
+            let settings = Settings { target: Some(target), ..self.settings.clone() };
             let before = observer.seconds();
             let texels = trial(&self.bake(pyramid, &settings, selection), &picked)?.texels;
             Ok((observer.seconds() - before) / texels.max(1) as f64)
@@ -245,7 +313,7 @@ impl Request<'_> {
         for _ in 0..TRIALS {
             let per_texel = measure(error, count)?;
             seen.push((error, per_texel));
-            let left = (seconds * (1.0 - RESERVE) - observer.seconds()).max(1e-3);
+            let left = self.time_share * (seconds * (1.0 - RESERVE) - observer.seconds()).max(1e-3);
             let allowed = left / total;
             let next = next_error(&seen, allowed);
             if per_texel > allowed && error >= LARGEST_ERROR {

@@ -4,8 +4,7 @@ use super::Request;
 use crate::error::Result;
 use crate::grid3;
 use crate::transfer::store::{Baked, Store};
-use crate::transfer::{CHUNK, Selection};
-use crate::transfer::{extents_by_chunk, texels_of_isosurface};
+use crate::transfer::{Selection, extents_by_chunk, texels_of_isosurface};
 use std::collections::BTreeMap;
 
 /// Chunks that lack the same and have the same.
@@ -90,7 +89,7 @@ impl<'a> Pending<'a> {
     /// Chunks in which the surfaces asked for cross the largest extent of isovalues come first, so that a bake that
     /// is stopped has the most to show. A bake of all isosurfaces keeps the order of the file.
     fn sort_by_extent(&mut self) {
-        let Some(isovalues) = &self.job.isovalues else { return };
+        let Some(isovalues) = self.job.isovalues.as_ref().filter(|_| self.job.points.is_none()) else { return };
         let lattice = self.job.layout.lattice;
         let [cx, cy, cz] = lattice.chunks();
         let mut extents = vec![0.0; cx * cy * cz];
@@ -107,8 +106,9 @@ impl<'a> Pending<'a> {
     }
 
     fn selection_of(&mut self, key: Key) -> &Selection {
-        let (volume, lattice) = (self.job.volume, self.job.layout.lattice);
+        let (volume, lattice, of_vertices) = (self.job.volume, self.job.layout.lattice, self.job.points.is_some());
         self.selections.entry(key).or_insert_with(|| match key {
+            _ if of_vertices => Selection::all(lattice),
             None => Selection::of_all_isosurfaces(lattice, volume),
             Some(bits) => texels_of_isosurface(volume, lattice, f64::from_bits(bits)),
         })
@@ -145,8 +145,9 @@ impl<'a> Pending<'a> {
 
 /// Number of selected texels in some chunks.
 pub(super) fn texels_in(selection: &Selection, chunks: &[[usize; 3]]) -> u64 {
+    let shape = selection.lattice().chunk_shape();
     let texels = |chunk: &[usize; 3]| {
-        let span = |a: usize| chunk[a] * CHUNK..(chunk[a] + 1) * CHUNK;
+        let span = |a: usize| chunk[a] * shape[a]..(chunk[a] + 1) * shape[a];
         let inside = |z, y| span(0).filter(|&x| selection.contains([x, y, z])).count() as u64;
         span(2).flat_map(|z| span(1).map(move |y| (z, y))).map(|(z, y)| inside(z, y)).sum::<u64>()
     };

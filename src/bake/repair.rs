@@ -3,7 +3,7 @@
 use super::observer::Observer;
 use super::pending::Pending;
 use super::run::parts;
-use super::{Goal, Report, Request, goal};
+use super::{Goal, Report, Request};
 use crate::error::Result;
 use crate::grid3;
 use crate::level::Pyramid;
@@ -105,15 +105,15 @@ fn job_for<'a>(
     quality: Option<&ErrorTarget>,
 ) -> Option<Request<'a>> {
     let first = claims.first()?;
-    let is_escape = first.target.as_ref().is_some_and(goal::is_without_light);
     let is_same = first.target.as_ref().zip(quality).is_some_and(|(t, q)| t.of == q.of);
-    if first.target.is_some() && !is_escape && !is_same {
+    if first.target.is_some() && !is_same {
         return None;
     }
     let isovalues: Option<Vec<f64>> = claims.iter().map(|claim| claim.isovalue).collect();
     let goal = Goal {
         error: first.target.as_ref().map(|t| t.error as f32),
-        light: if is_escape { None } else { job.goal.light.clone() },
+        lights: job.goal.lights.clone(),
+        most_paths: None,
         seconds: None,
     };
     Some(Request {

@@ -3,15 +3,16 @@
 use super::memory::bytes_of_bake;
 use super::pending::{Pending, texels_in};
 use super::scene::bytes_of_scene_texel;
-use super::{Goal, goal, scene};
+use super::{Goal, scene};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::scene as scenes;
 use crate::scene::Effects;
 use crate::scene::geometry::Geometry;
-use crate::transfer::store::{EstimatorIdentity, Identity, Shadows, Store, Surroundings};
-use crate::transfer::{Layout, Selection, texels_of_isosurfaces};
-use crate::transport::{Bake, GatherSettings, PhotonBake, Settings, pilot};
+use crate::surface::extract_without_normals;
+use crate::transfer::store::{Baked, EstimatorIdentity, Identity, Shadows, Store, Surroundings};
+use crate::transfer::{Lattice, Layout, Selection, texels_of_isosurfaces};
+use crate::transport::{Bake, GatherSettings, PhotonBake, Settings, SurfacePoints, pilot};
 use crate::volume::{Shadowing, Volume};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -67,6 +68,9 @@ pub struct Request<'a> {
     pub estimator: Estimator,
     /// In the file's values; `None` for all.
     pub isovalues: Option<Vec<f64>>,
+    /// Whether named isovalues are baked at the vertices of their isosurfaces, instead of in the texture that all isovalues
+    /// share.
+    pub surfaces: bool,
     /// Only a part of the chunks.
     pub share: Option<Share>,
     /// Most bytes to use; none where there is no limit.
@@ -81,6 +85,10 @@ pub struct Request<'a> {
     pub(crate) only: Option<BTreeSet<usize>>,
     /// What stands around the volume; then the layout is coloured.
     pub geometry: Option<&'a Geometry>,
+    /// The vertices that the layout is of, in a request for one surface.
+    pub(crate) points: Option<&'a SurfacePoints>,
+    /// Part of the time that is left which it may take: the rest is for surfaces to come.
+    pub(crate) time_share: f64,
 }
 
 /// What is known before relighting of what it will ask for; it decides nothing but the plan.
@@ -148,6 +156,7 @@ impl<'a> Request<'a> {
             goal: Goal::default(),
             estimator: Estimator::Path,
             isovalues: None,
+            surfaces: false,
             share: None,
             memory_limit: None,
             effects,
@@ -155,11 +164,13 @@ impl<'a> Request<'a> {
             writing: Writing::default(),
             only: None,
             geometry: None,
+            points: None,
+            time_share: 1.0,
         }
     }
 }
 
-impl Request<'_> {
+impl<'a> Request<'a> {
     /// What decides the store's numbers.
     pub fn identity(&self) -> Identity {
         let (positive, seed) = (self.settings.positive, self.settings.seed);
@@ -213,42 +224,74 @@ impl Request<'_> {
     /// What the estimators read, of some texels.
     pub fn bake<'b>(&'b self, pyramid: &'b Pyramid, settings: &'b Settings, selection: &'b Selection) -> Bake<'b> {
         let caustics = self.effects.switched("caustics") != Some(false);
-        Bake { caustics, ..Bake::new(self.volume, pyramid, &self.layout, settings, selection).among(self.geometry) }
+        let bake = Bake::new(self.volume, pyramid, &self.layout, settings, selection).among(self.geometry);
+        Bake { caustics, points: self.points, ..bake }
     }
 
-    /// The texels that the isovalues asked for need.
+    /// The isovalues of the surfaces that are baked, ascending; none where it is the texture.
+    pub(super) fn surfaces(&self) -> Option<Vec<f64>> {
+        let mut list = self.isovalues.clone().filter(|_| self.surfaces)?;
+        list.sort_by(f64::total_cmp);
+        list.dedup();
+        Some(list)
+    }
+
+    /// The part of it that is about one surface.
+    pub(super) fn of_surface<'b>(&self, points: &'b SurfacePoints, time_share: f64) -> Request<'b>
+    where
+        'a: 'b,
+    {
+        let lattice = Lattice::of_vertices(points.positions_in_grid.len());
+        let layout = Layout { lattice, layers: self.layout.layers.clone() };
+        let (isovalues, points) = (Some(vec![points.isovalue]), Some(points));
+        Request { layout, isovalues, points, time_share, surfaces: false, ..self.clone() }
+    }
+
+    /// The texels that the isovalues asked for need; all vertices of a surface.
     pub fn selection(&self) -> Selection {
+        if self.points.is_some() {
+            return Selection::all(self.layout.lattice);
+        }
         texels_of_isosurfaces(self.volume, self.layout.lattice, self.isovalues.as_deref())
     }
 
-    /// Texels that a bake into the store at `path` would have to trace; all that are needed if there is none.
+    /// Texels, or vertices of surfaces, of which the store at `path` has nothing, however exact; all that are needed if there
+    /// is none.
     ///
     /// # Errors
     /// When the store is there and cannot be read; damaged metadata is mended by the bake and no error.
     pub fn texels_missing(&self, path: &Path) -> Result<u64> {
+        let all = || match self.surfaces() {
+            None => Ok(self.selection().len()),
+            Some(list) => list.iter().map(|&c| vertices_of(self.volume, c)).sum(),
+        };
         if path.symlink_metadata().is_err() {
-            return Ok(self.selection().len());
+            return all();
         }
-        let target = self
-            .goal
-            .error
-            .map(|error| goal::without_light(error, self.geometry.is_some_and(|g| !g.luminaires().is_empty())));
         let store = match Store::open(path) {
             Ok(store) => store,
             // The bake mends it first.
-            Err(Error::Format { .. }) if path.is_dir() => return Ok(self.selection().len()),
+            Err(Error::Format { .. }) if path.is_dir() => return all(),
             Err(other) => return Err(other),
         };
         let among = self.geometry.and_then(Geometry::among);
         if among.is_some() && !store.volumes()?.contains(&self.volume.name) {
-            return Ok(self.selection().len());
+            return all();
         }
         let store = if among.is_some() { store.of_volume(&self.volume.name)? } else { store };
-        let mut pending = Pending::new(self, &store, self.claims(&target))?;
+        let Some(list) = self.surfaces() else { return missing_in(self, &store) };
         let mut texels = 0;
-        for i in 0..pending.len() {
-            let part = pending.part(i);
-            texels += texels_in(&part.selection, &part.chunks);
+        for c in list {
+            texels += match store.surface(c)? {
+                None => vertices_of(self.volume, c)?,
+                // Only how many there are counts here.
+                Some(surface) => {
+                    let count = surface.layout().lattice.texels()[0];
+                    let places = vec![[0.0; 3]; count];
+                    let points = SurfacePoints { isovalue: c, positions_in_grid: places, normals: Vec::new() };
+                    missing_in(&self.of_surface(&points, 1.0), &surface)?
+                }
+            };
         }
         Ok(texels)
     }
@@ -287,6 +330,11 @@ impl Request<'_> {
         }
         if let Some(geometry) = self.geometry {
             self.check_scene(geometry)?;
+        }
+        if self.surfaces && self.estimator != Estimator::Path {
+            let name = format!("estimator {}", self.estimator.name());
+            let remedy = "bake the texture: --texture 1, or Bake::texture; or use the estimator path";
+            return Err(Error::argument(name, "vertices of isosurfaces", "the texels of a texture", remedy));
         }
         if self.estimator != Estimator::Path && (self.goal.error.is_some() || self.goal.seconds.is_some()) {
             let name = format!("estimator {}", self.estimator.name());
@@ -363,4 +411,21 @@ impl Request<'_> {
             "plan": plan.effects,
         }))
     }
+}
+
+/// Vertices of an isosurface.
+fn vertices_of(volume: &Volume, isovalue: f64) -> Result<u64> {
+    Ok(extract_without_normals(volume, isovalue)?.positions_in_grid.len() as u64)
+}
+
+/// Texels of what a request asks of which a store has nothing.
+fn missing_in(job: &Request<'_>, store: &Store) -> Result<u64> {
+    let wanted = job.claims(&None).into_iter().map(|claim| Baked::any(claim.isovalue)).collect();
+    let mut pending = Pending::new(job, store, wanted)?;
+    let mut texels = 0;
+    for i in 0..pending.len() {
+        let part = pending.part(i);
+        texels += texels_in(&part.selection, &part.chunks);
+    }
+    Ok(texels)
 }

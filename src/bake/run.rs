@@ -7,10 +7,11 @@ use super::report::{GoalRecord, PhotonReport, Report};
 use super::request::{Estimator, Request};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
+use crate::surface::{Mesh, isosurface};
 use crate::transfer::Selection;
 use crate::transfer::store::{ChunkExtent, Store, StoreLock, StoreOptions};
 use crate::transport::{
-    ChunkBricks, PhotonMap, Progress, Settings, Summary, Target, bake, gather, photon_bake_from, photon_bake_map,
+    ChunkBricks, PhotonMap, Progress, Settings, Summary, SurfacePoints, Target, bake, gather, photon_bake_from, photon_bake_map,
 };
 use serde_json::Value;
 use std::path::Path;
@@ -51,35 +52,80 @@ pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observe
         };
         store.mended().iter().for_each(|what| observer.note(what));
         report.mended = store.mended().len();
-        let damaged = repair::set_damage_aside(job, &store, observer)?;
-        let quality = job.quality(&pyramid, &store, || job.selection(), observer)?;
-        let claims = job.claims(&quality.name);
-        let asked = store.asked()?;
-        let wanted = claims.clone();
-        let mut pending = Pending::new(job, &store, claims)?;
-        if let Some(share) = job.share {
-            let chunks = pending.kept + pending.missing;
-            observer.note(&format!("share {} of {}: {chunks} chunks", share.index, share.of));
-        }
-        if pending.kept > 0 {
-            observer.note(&format!("{} of {} chunks are there already", pending.kept, pending.kept + pending.missing));
-        }
         report.prepare_seconds = observer.seconds();
-        (report.chunks_kept, report.rays) = (pending.kept, job.settings.rays);
-        report.target = quality.name.clone();
         report.goal = GoalRecord::of(&job.goal);
-        report.damaged = damaged.len();
-        observer.begin();
-        parts(job, &pyramid, &store, &mut pending, quality.target, observer, &mut report)?;
-        repair::complete(job, &pyramid, &store, &asked, &damaged, quality.name.as_ref(), observer, &mut report)?;
-        // Chunks claim what they have; the note is for those that are lost one day.
-        store.ask(&wanted.into_iter().fold(asked, |mut all, claim| {
-            all.add(claim);
-            all
-        }))?;
+        match job.surfaces() {
+            None => fill(job, &pyramid, &store, observer, &mut report)?,
+            Some(isovalues) => fill_surfaces(job, &pyramid, &store, &isovalues, observer, &mut report)?,
+        }
     }
     store.refresh();
     Ok((store, report))
+}
+
+/// Bakes the vertices of isosurfaces, one after the other.
+fn fill_surfaces(
+    job: &Request<'_>,
+    pyramid: &Pyramid,
+    store: &Store,
+    isovalues: &[f64],
+    observer: &dyn Observer,
+    report: &mut Report,
+) -> Result<()> {
+    let mut surfaces = Vec::with_capacity(isovalues.len());
+    for &isovalue in isovalues {
+        let mesh = isosurface(job.volume, pyramid, isovalue)?;
+        let surface = store.open_or_add_surface(isovalue, &mesh, job.volume.world_from_grid())?;
+        let Mesh { positions_in_grid, normals, .. } = mesh;
+        surfaces.push((surface, SurfacePoints { isovalue, positions_in_grid, normals }));
+    }
+    let mut left: usize = surfaces.iter().map(|(_, points)| points.positions_in_grid.len()).sum();
+    for (surface, points) in &surfaces {
+        let count = points.positions_in_grid.len();
+        let share = count as f64 / left.max(1) as f64;
+        left -= count;
+        fill(&job.of_surface(points, share), pyramid, surface, observer, report)?;
+    }
+    Ok(())
+}
+
+/// Bakes what a texture, or the vertices of a surface, lack.
+fn fill(
+    job: &Request<'_>,
+    pyramid: &Pyramid,
+    store: &Store,
+    observer: &dyn Observer,
+    report: &mut Report,
+) -> Result<()> {
+    let texels = if job.goal.most_paths.is_some() { job.selection().len() } else { 0 };
+    let rays = job.goal.rays(job.settings.rays, texels);
+    let job = &Request { settings: Settings { rays, ..job.settings.clone() }, ..job.clone() };
+    let damaged = repair::set_damage_aside(job, store, observer)?;
+    let quality = job.quality(pyramid, store, || job.selection(), observer)?;
+    let claims = job.claims(&quality.name);
+    let asked = store.asked()?;
+    let wanted = claims.clone();
+    let mut pending = Pending::new(job, store, claims)?;
+    let of = job.points.map_or(String::new(), |points| format!(" of isovalue {}", points.isovalue));
+    let chunks = pending.kept + pending.missing;
+    if let Some(share) = job.share {
+        observer.note(&format!("share {} of {}: {chunks} chunks{of}", share.index, share.of));
+    }
+    if pending.kept > 0 {
+        observer.note(&format!("{} of {chunks} chunks{of} are there already", pending.kept));
+    }
+    report.chunks_kept += pending.kept;
+    report.target = quality.name.clone();
+    report.rays = report.rays.max(rays);
+    report.damaged += damaged.len();
+    observer.begin();
+    parts(job, pyramid, store, &mut pending, quality.target, observer, report)?;
+    repair::complete(job, pyramid, store, &asked, &damaged, quality.name.as_ref(), observer, report)?;
+    // Chunks claim what they have; the note is for those that are lost one day.
+    store.ask(&wanted.into_iter().fold(asked, |mut all, claim| {
+        all.add(claim);
+        all
+    }))
 }
 
 /// Bakes all parts of what is pending.
@@ -93,7 +139,7 @@ pub(super) fn parts(
     report: &mut Report,
 ) -> Result<()> {
     let settings = Settings { target, ..job.settings.clone() };
-    let (start, write) = (observer.seconds(), report.write_seconds);
+    let (start, write, before) = (observer.seconds(), report.write_seconds, report.chunks_baked);
     let map = if pending.len() > 0 { photon_map(job, pyramid, &settings, observer, report)? } else { None };
     for i in 0..pending.len() {
         if job.estimator == Estimator::Photon && map.is_none() {
@@ -116,8 +162,9 @@ pub(super) fn parts(
         }
     }
     report.trace_seconds += (observer.seconds() - start - (report.write_seconds - write)).max(0.0);
-    if report.chunks_baked < pending.missing {
-        let (done, all) = (report.chunks_baked + pending.kept, pending.missing + pending.kept);
+    let baked = report.chunks_baked - before;
+    if baked < pending.missing {
+        let (done, all) = (baked + pending.kept, pending.missing + pending.kept);
         return Err(Error::Stopped { done, all });
     }
     Ok(())

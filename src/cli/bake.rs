@@ -6,9 +6,9 @@ use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::tell;
 use super::light::open_probe;
-use super::options::{BakeArgs, Texture, TransferArgs, parse_share, parse_time};
+use super::options::{BakeArgs, EstimatorArg, Texture, TransferArgs, parse_share, parse_time};
 use super::{Failure, Outcome, forecast, output, replay, text};
-use crate::bake::{ForLight, Goal, Share, Writing, layout_of_scene};
+use crate::bake::{ForLight, Share, Writing, layout_of_scene};
 use crate::file::size_on_disk;
 use crate::probe::{EnvFrame, Orientation};
 use crate::relight::Material;
@@ -47,7 +47,7 @@ pub(super) struct Bake {
     /// Choose the standard error such that the command takes this long, such as 90s or 1h30m
     #[arg(long, value_name = "TIME", value_parser = parse_time, conflicts_with = "chunks")]
     time: Option<Duration>,
-    /// Measure --error, --time and --auto by the radiance under this environment, over its mean: the image file or name
+    /// Measure --error, --time, --auto and the 2 % that are aimed at without them by the radiance under this environment, over its mean: the image file or name
     /// that relight takes
     #[arg(long, value_name = "PROBE")]
     for_env: Option<String>,
@@ -60,7 +60,8 @@ pub(super) struct Bake {
     /// Albedo under that environment
     #[arg(long, value_name = "RHO", default_value_t = 0.7, requires = "for_env")]
     albedo: f32,
-    /// Choose texture and rays, up to 4096, by a pilot, so that the bake is as exact as this time allows; see plan --time
+    /// Choose texture and rays, up to 4096, by a pilot, so that the bake is as exact as this time allows; see plan --time. Of
+    /// isovalues that are named without --texture the same as --time
     #[arg(long, value_name = "TIME", value_parser = parse_time,
         conflicts_with_all = ["time", "error", "rays", "texture", "chunks", "replay_texel"])]
     auto: Option<Duration>,
@@ -97,10 +98,10 @@ impl Bake {
         let mut scene = self.open()?;
         let members = scene.members().len();
         let mut transfer = self.bake.transfer.clone();
-        if let (Some(time), None) = (self.auto, self.replay_texel)
+        if let (Some(time), None, false) = (self.auto, self.replay_texel, self.bakes_surfaces())
             && let Some((texture, rays)) = self.choose_texture(&mut scene, time, start, seed, console)?
         {
-            (transfer.texture, transfer.rays) = (texture, Some(rays));
+            (transfer.texture, transfer.rays) = (Some(texture), Some(rays));
         }
         let replacement = match &self.output {
             Some(path) if self.force && self.replay_texel.is_none() && path.symlink_metadata().is_ok() => {
@@ -130,6 +131,17 @@ impl Bake {
             console.print_json(&json!({ "store": reports[0]["store"], "volumes": reports }));
         }
         Ok(())
+    }
+
+    /// Whether it is surfaces that are baked.
+    fn bakes_surfaces(&self) -> bool {
+        let is_path = self.bake.estimator == EstimatorArg::Path;
+        !self.bake.isovalues.is_empty() && self.bake.transfer.bakes_surfaces() && is_path
+    }
+
+    /// The time that vertices or texels stop by; there is no texture to choose for surfaces.
+    fn time(&self) -> Option<Duration> {
+        self.time.or(self.auto.filter(|_| self.bakes_surfaces()))
     }
 
     /// Opens what is to be baked.
@@ -164,7 +176,10 @@ impl Bake {
         }
         let geometry = opened.geometry.as_ref();
         let layout = layout_of_scene(transfer.layout(volume, &self.bake.bands)?, geometry);
-        let settings = transfer.settings(&layout, seed, self.time.is_some());
+        let seconds = self.time().map(|t| t.as_secs_f64());
+        let lights = self.light(volume, &layout)?.into_iter().collect();
+        let has_goals = self.bake.estimator == EstimatorArg::Path;
+        let settings = transfer.settings(&layout, seed, (lights, seconds), has_goals);
         if let Some(texel) = self.replay_texel {
             let effects = self.bake.transfer.effects();
             let job = baking::request(opened, scene, &self.bake, None, layout, settings, &effects);
@@ -175,10 +190,8 @@ impl Bake {
         }
         tell(console, chosen.as_deref().unwrap_or_default());
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
-        let light = self.light(volume, &layout)?;
         let effects = self.bake.transfer.effects();
         let mut job = baking::request(opened, scene, &self.bake, isovalues, layout, settings, &effects);
-        job.goal = Goal { light, seconds: self.time.map(|t| t.as_secs_f64()), ..job.goal };
         job.hints.shown = console.is_verbose();
         job.share = self.chunks;
         job.writing = Writing { sync: !self.no_sync, repair: self.repair, ..Writing::default() };
@@ -276,14 +289,14 @@ impl Bake {
     /// The environment that errors are measured by.
     fn light(&self, volume: &Volume, layout: &Layout) -> Outcome<Option<ForLight>> {
         let Some(name) = &self.for_env else { return Ok(None) };
-        if self.auto.is_some() {
+        if self.auto.is_some() && !self.bakes_surfaces() {
             return Ok(None);
         }
-        if self.bake.transfer.error.is_none() && self.time.is_none() {
+        if self.bake.transfer.rays.is_some() && self.bake.transfer.error.is_none() && self.time().is_none() {
             return Err(crate::Error::argument(
                 "--for-env",
-                format!("{name} without a target"),
-                "--error, --time or --auto beside it",
+                format!("{name} beside --rays and without a target"),
+                "--error, --time or --auto beside it, or no --rays",
                 "add --error 2%: the standard error of the radiance under this environment, over its mean",
             )
             .into());
@@ -297,7 +310,7 @@ impl Bake {
             EnvFrame::OpenExr => probe.name.clone(),
             EnvFrame::Gltf => format!("{} in the frame of glTF", probe.name),
         };
-        Ok(Some(ForLight { name: probe.name, name_in_store, light, albedo: self.albedo }))
+        Ok(Some(ForLight { name: probe.name, name_in_store, light, direct: None, albedo: self.albedo }))
     }
 }
 

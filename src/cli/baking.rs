@@ -4,7 +4,7 @@ use super::bake_report::Told;
 use super::console::{Console, interrupts};
 use super::options::{self, BakeArgs, TransferArgs};
 use super::{Outcome, plan_table, signals};
-use crate::bake::{self, Goal, Hints, Observer, Report, Request, Task, Writing, layout_of_scene};
+use crate::bake::{self, Estimator, ForLight, Goal, Hints, Observer, Report, Request, Task, Writing, layout_of_scene};
 use crate::error::Result;
 use crate::scene::geometry::Geometry;
 use crate::scene::{Effects, Member, Plan, SceneFile};
@@ -23,13 +23,15 @@ pub(super) fn request<'a>(
     options: &BakeArgs,
     isovalues: Option<Vec<f64>>,
     layout: Layout,
-    settings: Settings,
+    (settings, goal): (Settings, Goal),
     effects: &'a Effects,
 ) -> Request<'a> {
     let volume = &opened.volume;
+    let estimator: Estimator = options.estimator.into();
     Request {
-        goal: Goal { error: options.transfer.error, ..Goal::default() },
-        estimator: options.estimator.into(),
+        goal,
+        estimator,
+        surfaces: isovalues.is_some() && options.transfer.bakes_surfaces() && estimator == Estimator::Path,
         hints: hints(scene, volume.value_range(), isovalues.as_deref()),
         isovalues,
         memory_limit: options.transfer.memory_limit,
@@ -45,13 +47,14 @@ pub(super) fn request_of_cache<'a>(
     transfer: &TransferArgs,
     bands: &[u8],
     isovalues: Option<Vec<f64>>,
-    seed: u64,
+    (seed, lights): (u64, Vec<ForLight>),
     effects: &'a Effects,
 ) -> Result<Request<'a>> {
     let layout = layout_of_scene(transfer.layout(volume, bands)?, geometry);
-    let settings = transfer.settings(&layout, seed, false);
+    let (settings, goal) = transfer.settings(&layout, seed, (lights, None), true);
     Ok(Request {
-        goal: Goal { error: transfer.error, ..Goal::default() },
+        goal,
+        surfaces: isovalues.is_some() && transfer.bakes_surfaces(),
         isovalues,
         memory_limit: transfer.memory_limit,
         writing: Writing::of_cache(),

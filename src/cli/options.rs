@@ -3,7 +3,7 @@
 use super::isovalue::{Chosen, Isovalue};
 use super::memory::{self, Bound};
 use super::text;
-use crate::bake::{Estimator, Share};
+use crate::bake::{Estimator, ForLight, Goal, Share};
 use crate::error::{Error, Result};
 use crate::scene::{EffectSwitch, Effects, Member, SceneFile};
 use crate::sh::MAX_BANDS;
@@ -15,11 +15,12 @@ use std::time::Duration;
 /// Quality of a transfer texture.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct TransferArgs {
-    /// Rays per texel, a power of two: 16 preview, 64 draft, 256 final, 4096 reference [default: 64; with --error or
-    /// --time 4096, the most that a texel gets]
+    /// Rays per texel or vertex, a power of two: 16 preview, 64 draft, 256 final, 4096 reference [default: as many as
+    /// --error 2% needs, at most 4096; 2^28 in all where nothing is asked for]
     #[arg(long, value_name = "N", value_parser = parse_rays)]
     pub(super) rays: Option<u32>,
-    /// Stop a texel when its standard errors of Σ a_k and of a_0 (1 = unoccluded) are this small, such as 1%
+    /// Stop when the standard error of the radiance is this small, such as 1%: RMS over texels or vertices, over the mean
+    /// radiance, under the light at hand (of bake: --for-env, else white light)
     #[arg(long, value_name = "E", value_parser = parse_error)]
     pub(super) error: Option<f32>,
     /// Stored layers of light: 1 = direct only, N = N−1 bounces and the tail beyond [default: 4]
@@ -28,9 +29,10 @@ pub(super) struct TransferArgs {
     /// Transfer that stays non-negative under non-negative light, at more noise
     #[arg(long)]
     pub(super) positive: bool,
-    /// Resolution of the texture: a ratio to the data such as 0.5 or 2, or 128x128x96
-    #[arg(long, default_value = "1", value_name = "RATIO|XxYxZ", value_parser = parse_texture)]
-    pub(super) texture: Texture,
+    /// Bake a texture of this resolution, for all isovalues: a ratio to the data such as 0.5, 1 or 2, or 128x128x96
+    /// [default: isovalues that are named are baked at the vertices of their surfaces; else 1]
+    #[arg(long, value_name = "RATIO|XxYxZ", value_parser = parse_texture)]
+    pub(super) texture: Option<Texture>,
     /// Switch effects of the plan on or off by hand, such as -interreflection or +shadowing,-emission (see `isolume plan`)
     #[arg(long, value_name = "+NAME|-NAME[,…]", value_delimiter = ',', allow_hyphen_values = true,
         value_parser = parse_effect)]
@@ -49,7 +51,7 @@ pub(super) struct BakeArgs {
     #[arg(long, default_value = "5", value_name = "N[,N…]", value_delimiter = ',',
         value_parser = clap::value_parser!(u8).range(1..=MAX_BANDS as i64))]
     pub(super) bands: Vec<u8>,
-    /// Bake only the texels that these isosurfaces need: numbers, 40%, 1.5sigma, 1.5rms, enclosed:5%, 300HU, bone,
+    /// Bake only these isosurfaces, at their vertices (with --texture: at the texels around them): numbers, 40%, 1.5sigma, 1.5rms, enclosed:5%, 300HU, bone,
     /// skin, otsu, auto
     #[arg(long, visible_alias = "isovalue", value_name = "C[,C…]", value_delimiter = ',', allow_hyphen_values = true)]
     pub(super) isovalues: Vec<Isovalue>,
@@ -148,7 +150,7 @@ impl TransferArgs {
                 "give one count",
             ));
         }
-        let lattice = match self.texture {
+        let lattice = match self.texture.unwrap_or(Texture::Ratio(1.0)) {
             Texture::Ratio(ratio) => Lattice::from_ratio(volume.dims(), ratio)?,
             Texture::Texels(texels) => Lattice::from_texels(volume.dims(), texels)?,
         };
@@ -169,11 +171,27 @@ impl TransferArgs {
         }
     }
 
-    /// Settings of the estimator; a target follows from the goal. `in_time`: texels stop by a given time.
-    pub(super) fn settings(&self, layout: &Layout, seed: u64, in_time: bool) -> Settings {
-        let stops = in_time || self.error.is_some();
+    /// Whether isovalues that are named are baked at the vertices of their isosurfaces.
+    pub(super) fn bakes_surfaces(&self) -> bool {
+        self.texture.is_none()
+    }
+
+    /// Settings of the estimator, and what is to be reached under some lights; a target follows from the goal. `seconds`: the
+    /// time that texels stop by. `has_goals`: whether the estimator has such.
+    pub(super) fn settings(
+        &self,
+        layout: &Layout,
+        seed: u64,
+        (lights, seconds): (Vec<ForLight>, Option<f64>),
+        has_goals: bool,
+    ) -> (Settings, Goal) {
+        let goal = match (self.error, seconds, self.rays) {
+            (None, None, None) if has_goals => Goal::usual(lights),
+            _ => Goal { error: self.error, lights, most_paths: None, seconds },
+        };
+        let stops = goal.error.is_some() || goal.seconds.is_some();
         let rays = self.rays.unwrap_or(if stops { 4096 } else { 64 });
-        Settings { layers: layout.layers.clone(), rays, seed, target: None, positive: self.positive }
+        (Settings { layers: layout.layers.clone(), rays, seed, target: None, positive: self.positive }, goal)
     }
 }
 

@@ -4,7 +4,7 @@ use super::baking;
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::isovalue::tell;
-use super::options::{BakeArgs, parse_time};
+use super::options::{BakeArgs, EstimatorArg, parse_time};
 use super::{Failure, Outcome, forecast, plan_table, text};
 use crate::bake::layout_of_scene;
 use crate::level::Pyramid;
@@ -86,7 +86,8 @@ impl Plan {
         let volume = &*opened.volume;
         let geometry = opened.geometry.as_ref();
         let layout = layout_of_scene(self.bake.transfer.layout(volume, &self.bake.bands)?, geometry);
-        let settings = self.bake.transfer.settings(&layout, seed, false);
+        let has_goals = self.bake.estimator == EstimatorArg::Path;
+        let settings = self.bake.transfer.settings(&layout, seed, (Vec::new(), None), has_goals);
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let effects = self.bake.transfer.effects();
         let mut job = baking::request(opened, scene, &self.bake, isovalues, layout, settings, &effects);

@@ -62,6 +62,14 @@ impl<T: Sample> LevelField<'_, T> {
         Some(Site { start, isovalue, normal, clamped })
     }
 
+    /// A point of the isosurface of `isovalue` (as a raw sample) with its normal in world; `None` without a normal.
+    pub fn site_on(&self, position_in_grid: [f32; 3], normal: [f32; 3], isovalue: f32) -> Option<Site> {
+        // A normal points down a gradient.
+        let normal = Normal::down_gradient(-Vec3::from_array(normal))?;
+        let start = Start::on(self.locate(position_in_grid.map(f64::from)));
+        Some(Site { start, isovalue, normal, clamped: false })
+    }
+
     /// Where a start in the solid meets its surface along the normal; `None` for a start on the lit
     /// side, which is good where it is, and where the surface is not near.
     ///

@@ -2,10 +2,10 @@
 
 use super::lookup::Cell;
 use super::{LookupReport, Textures};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::grid3;
 use crate::sh;
-use crate::transfer::{BRICK, BrickSource, BrickView, Lattice, Layers, validity};
+use crate::transfer::{BrickSource, BrickView, Lattice, Layers, validity};
 use half::slice::HalfFloatSliceExt;
 
 /// Transfer at each vertex.
@@ -57,8 +57,8 @@ impl<'a> Texels<'a> {
     /// Reads a texel: `None` where it was never baked, `Some(false)` where it has no level set.
     fn read(&self, texel: [usize; 3], mut out: &mut [f32]) -> Option<bool> {
         let [bx, by, _] = self.lattice.bricks();
-        let brick = texel[0] / BRICK + bx * (texel[1] / BRICK + by * (texel[2] / BRICK));
-        let inner = texel[0] % BRICK + BRICK * (texel[1] % BRICK + BRICK * (texel[2] % BRICK));
+        let (brick, inner) = self.lattice.place_of(texel);
+        let brick = grid3::index([bx, by], brick);
         for Bricks { views, count } in &self.textures {
             let view = views[brick].as_ref()?;
             let stored = &view.transfer[inner * count..(inner + 1) * count];
@@ -144,6 +144,34 @@ pub fn look_up_transfer(
             unoccluded(layers, *normal, &mut mean.sum);
         }
         planes.iter_mut().zip(&mean.sum).for_each(|(plane, s)| plane.push(*s));
+    }
+    Ok(VertexTransfer { planes, report })
+}
+
+/// The transfer of the vertices of a surface, from textures of its vertices, which have these normals; where one was not
+/// baked, the clamped cosine of the normal.
+///
+/// # Errors
+/// Those of the source; [`Error::Argument`] when the textures are not of as many vertices as there are normals.
+pub fn transfer_at_vertices(textures: &Textures<'_>, normals_in_world: &[[f32; 3]]) -> Result<VertexTransfer> {
+    let (texels, layers) = (Texels::open(textures)?, &textures.layout().layers);
+    let held = if texels.lattice.is_of_vertices() { texels.lattice.texels()[0] } else { 0 };
+    if held != normals_in_world.len() {
+        let expected = format!("{}, one a normal", normals_in_world.len());
+        return Err(Error::argument("vertices", held, expected, "give the textures of the surface"));
+    }
+    let n = texels.count();
+    let mut planes = vec![Vec::with_capacity(held); n];
+    let (mut report, mut vector) = (LookupReport::default(), vec![0.0; n]);
+    for (vertex, normal) in normals_in_world.iter().enumerate() {
+        report.lookups += 1;
+        let found = texels.read([vertex, 0, 0], &mut vector);
+        if found != Some(true) {
+            report.unbaked += u64::from(found.is_none());
+            report.unoccluded += 1;
+            unoccluded(layers, *normal, &mut vector);
+        }
+        planes.iter_mut().zip(&vector).for_each(|(plane, value)| plane.push(*value));
     }
     Ok(VertexTransfer { planes, report })
 }

@@ -18,6 +18,7 @@ mod light;
 mod lookup;
 mod noise;
 mod tail;
+mod vertices;
 mod window;
 
 #[cfg(test)]
@@ -28,10 +29,11 @@ mod twin;
 pub use clamp::ClampReport;
 pub use contract::{Contracted, LuminaireLight, Noise, Textures, contract};
 pub use exposure::Exposure;
-pub use interpolate::{VertexTransfer, look_up_transfer};
+pub use interpolate::{VertexTransfer, look_up_transfer, transfer_at_vertices};
 pub use light::Light;
 pub use lookup::{LookupReport, SurfaceError, VertexRadiance};
 pub use tail::Tail;
+pub use vertices::{TriangleIndex, TriangleOrder};
 pub use window::{LayerWindow, Prepared, prepare};
 
 use crate::error::{Error, Result};

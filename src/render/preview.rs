@@ -4,7 +4,7 @@ use super::Camera;
 use super::sun::{Disk, SunLight};
 use crate::geom::Bounds;
 use crate::level::{CellPoint, Counts, LevelField, Outcome, Pyramid, Start};
-use crate::relight::{Contracted, Light, LookupReport, Material};
+use crate::relight::{Contracted, Light, LookupReport, Material, TriangleIndex};
 use crate::volume::{Sample, Volume, with_samples};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -50,8 +50,10 @@ pub struct Subject<'a> {
     pub pyramid: &'a Pyramid,
     /// In the file's values.
     pub isovalue: f64,
-    /// Radiance of its texels.
+    /// Radiance of its texels, or of its vertices.
     pub contracted: &'a Contracted,
+    /// The triangles between the vertices; none where radiance is that of texels.
+    pub triangles: Option<&'a TriangleIndex<'a>>,
     /// The light that they were contracted with: without suns that were split off.
     pub light: &'a Light,
     /// What they reflect of it.
@@ -212,8 +214,11 @@ impl<T: Sample> Scene<'_, T> {
             Outcome::Hit(hit) => {
                 let normal = self.field.normal(&hit.at).map_or([0.0, 0.0, 1.0], |n| n.vec().to_array());
                 let position = hit.at.in_grid().to_array();
-                let Subject { contracted, light, material, .. } = self.subject;
-                let mut rgb = contracted.radiance_at(position, normal, light, material, report);
+                let Subject { contracted, light, material, triangles, .. } = self.subject;
+                let mut rgb = match triangles {
+                    Some(index) => contracted.between_vertices(index, position, normal, light, material, report),
+                    None => contracted.radiance_at(position, normal, light, material, report),
+                };
                 for (disk, factor) in self.suns {
                     let lit = disk.lit_cosine(&self.field, self.isovalue, hit.at, normal.into(), item, counts);
                     rgb = std::array::from_fn(|c| rgb[c] + factor[c] * lit);

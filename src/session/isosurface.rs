@@ -3,12 +3,13 @@
 use crate::error::Result;
 use crate::export::{ExportMesh, Positions, StandardError};
 use crate::geom::Up;
-use crate::level::{LevelField, Pyramid};
+use crate::level::Pyramid;
 use crate::render::{Camera, Projection, View};
 use crate::sampling::hash::uniform;
-use crate::surface::{Mesh, extract_with_normals};
+use crate::surface::{Mesh, isosurface};
+use crate::transfer::store::Store;
 use crate::transport::SurfacePoint;
-use crate::volume::{LengthUnit, Sample, Volume, with_samples};
+use crate::volume::{LengthUnit, Volume};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -20,6 +21,8 @@ pub struct Isosurface {
     positions: Vec<Vec3>,
     // Invariant: one a vertex.
     normals: Vec<Vec3>,
+    // Where its vertices have transfer of their own.
+    transfer: Option<Box<Store>>,
 }
 
 impl Isosurface {
@@ -29,15 +32,31 @@ impl Isosurface {
     /// # Errors
     /// When the volume has no cells, or the surface has too many vertices.
     pub fn extract(volume: &Volume, pyramid: &Pyramid, isovalue: f64) -> Result<Self> {
-        volume.check_cells()?;
-        let mesh =
-            with_samples!(volume.samples(), s => extract(volume, &LevelField::new(volume, s, pyramid), isovalue))?;
+        Ok(Self::of_mesh(volume, isovalue, isosurface(volume, pyramid, isovalue)?))
+    }
+
+    /// An isosurface of which the mesh is there.
+    pub(super) fn of_mesh(volume: &Volume, isovalue: f64, mesh: Mesh) -> Self {
         let centre = volume.world_bounds().centre();
         let world_from_grid = volume.world_from_grid();
         let place = |p: &[f32; 3]| (world_from_grid.point(DVec3::from_array(p.map(f64::from))) - centre).as_vec3();
         let positions = mesh.positions_in_grid.par_iter().map(place).collect();
         let normals = mesh.normals.iter().map(|n| Vec3::from_array(*n)).collect();
-        Ok(Self { isovalue, mesh, positions, normals })
+        Self { isovalue, mesh, positions, normals, transfer: None }
+    }
+
+    /// The isosurface whose vertices have transfer of their own; `None` where `transfer` is no surface of a store.
+    ///
+    /// # Errors
+    /// When its mesh is damaged.
+    pub(super) fn of_store(volume: &Volume, transfer: Store) -> Result<Option<Self>> {
+        let (Some(isovalue), Some(mesh)) = (transfer.isovalue(), transfer.mesh()?) else { return Ok(None) };
+        Ok(Some(Self { transfer: Some(Box::new(transfer)), ..Self::of_mesh(volume, isovalue, mesh) }))
+    }
+
+    /// The transfer of its vertices, where they have one of their own: else it comes from the texture.
+    pub fn transfer(&self) -> Option<&Store> {
+        self.transfer.as_deref()
     }
 
     /// In the file's values.
@@ -126,10 +145,4 @@ impl Isosurface {
         let place = |c: [usize; 3]| volume.world_from_grid().point(DVec3::from_array(c.map(|v| v as f64)));
         corners.filter(solid).map(place).collect()
     }
-}
-
-fn extract<T: Sample>(volume: &Volume, field: &LevelField<'_, T>, isovalue: f64) -> Result<Mesh> {
-    extract_with_normals(volume, isovalue, &|position| {
-        field.normal(&field.locate(position.map(f64::from))).map_or([0.0; 3], |n| n.vec().to_array())
-    })
 }

@@ -50,7 +50,11 @@ impl<'t> LitTexels<'t> {
         let parts = surface.parts.iter().zip(surface.session.members());
         for ((part, member), texels) in parts.zip(&self.members) {
             let mesh = part.isosurface.mesh();
-            let mut lit = texels.look_up(&mesh.positions_in_grid, &mesh.normals, &lighting.light, material);
+            let is_of_vertices = part.isosurface.transfer().is_some();
+            let mut lit = match is_of_vertices {
+                true => texels.at_vertices(&mesh.normals, &lighting.light, material),
+                false => texels.look_up(&mesh.positions_in_grid, &mesh.normals, &lighting.light, material),
+            };
             for sun in &lighting.suns {
                 let (volume, isovalue) = (member.volume(), part.isosurface.isovalue());
                 let (positions, normals) = (&mesh.positions_in_grid, &mesh.normals);
@@ -59,7 +63,10 @@ impl<'t> LitTexels<'t> {
                 sun_rays += seen.counts.rays;
             }
             check_baked(member.store(), part.isosurface.isovalue(), &lit.report)?;
-            errors.extend(texels.look_up_errors(&mesh.positions_in_grid));
+            errors.extend(match is_of_vertices {
+                true => texels.vertex_errors(mesh.normals.len()),
+                false => texels.look_up_errors(&mesh.positions_in_grid),
+            });
             report += lit.report;
             radiance.extend(lit.radiance);
         }

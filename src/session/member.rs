@@ -82,12 +82,27 @@ impl<'a> Member<'a> {
         coupling_of(&self.store).map_or([1.0; 3], |coupling| coupling.tint)
     }
 
-    /// Its isosurface.
+    /// Its isosurface: as the store has it with transfer at its vertices, else one that is looked up in the texture.
     ///
     /// # Errors
-    /// As [`Isosurface::extract`].
+    /// As [`Isosurface::extract`]; when the surface of the store is damaged.
     pub fn extract(&self, isovalue: f64) -> Result<Isosurface> {
+        if let Some(surface) = self.surface(isovalue)?
+            && let Some(isosurface) = Isosurface::of_store(&self.volume, surface)?
+        {
+            return Ok(isosurface);
+        }
         Isosurface::extract(&self.volume, &self.pyramid, isovalue)
+    }
+
+    /// The surface of the store, unless it is incomplete while the texture holds the isovalue.
+    fn surface(&self, isovalue: f64) -> Result<Option<Store>> {
+        let Some(surface) = self.store.surface(isovalue)? else { return Ok(None) };
+        if surface.is_complete()? {
+            return Ok(Some(surface));
+        }
+        let held = self.store.holdings()?;
+        Ok((!(held.all || held.in_texture.contains(&isovalue))).then_some(surface))
     }
 
     /// Finds the texels that lookups on an isosurface of it read.

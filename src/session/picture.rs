@@ -209,7 +209,9 @@ impl<'a> Stage<'a> {
         let PictureOptions { width, height, supersampling, cap, .. } = *self.options;
         let options = &RenderOptions { width, height, supersampling, cap };
         let (contracted, own) = (&texels.members[0], &tinted(material, member));
-        let subject = Subject { volume, pyramid, isovalue, contracted, light: &lighting.light, material: own };
+        let triangles = part.triangles();
+        let (light, triangles) = (&lighting.light, triangles.as_ref());
+        let subject = Subject { volume, pyramid, isovalue, contracted, triangles, light, material: own };
         let geometry = texels.surface.session.geometry;
         if geometry.is_none() && texels.surface.parts.len() == 1 {
             return Ok(render(&subject, &lighting.suns, None, camera, options));
@@ -242,7 +244,9 @@ impl<'a> Stage<'a> {
     ) -> Option<([f32; 3], f64)> {
         let (volume, pyramid, isovalue) = (member.volume(), member.pyramid(), part.isosurface.isovalue());
         let (light, material) = (&self.texels.lighting.light, &tinted(&self.texels.material, member));
-        let subject = Subject { volume, pyramid, isovalue, contracted, light, material };
+        let triangles = part.triangles();
+        let triangles = triangles.as_ref();
+        let subject = Subject { volume, pyramid, isovalue, contracted, triangles, light, material };
         radiance_along(&subject, camera, options, origin, direction)
     }
 

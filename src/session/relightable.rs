@@ -6,26 +6,30 @@
 //! `_T<k>_<R|G|B>_SH_DEGREE_<l>_COEF_<n>`, and one number a layer and channel of the level set's own emission,
 //! `_G<k>_EMISSION_<R|G|B>`, and of each luminaire, `_LUMINAIRE_<i>_G<k>_<R|G|B>`.
 
-use super::LuminaireFactor;
+use super::{Isosurface, LuminaireFactor};
 use super::textures::Groups;
 use crate::error::{Error, Result};
 use crate::export::gltf::Scalars;
 use crate::geom::Up;
 use crate::probe::{Orientation, Probe};
-use crate::relight::{Light, Material, look_up_transfer};
+use crate::relight::{Light, Material, look_up_transfer, transfer_at_vertices};
 use crate::sh::Rotation;
-use crate::surface::Mesh;
 use crate::transfer::store::Store;
 use serde_json::{Value, json};
 
 const CHANNELS: [&str; 3] = ["R", "G", "B"];
 
 /// The attributes of a file: the vertices of each mesh, with the transfer of its store, behind those of the one before.
-pub(super) fn attributes<'a>(surfaces: impl Iterator<Item = (&'a Store, &'a Mesh)>) -> Result<Vec<Scalars>> {
+pub(super) fn attributes<'a>(surfaces: impl Iterator<Item = (&'a Store, &'a Isosurface)>) -> Result<Vec<Scalars>> {
     let mut all: Vec<Scalars> = Vec::new();
-    for (store, mesh) in surfaces {
-        let groups = Groups::open(store, &[])?;
-        let planes = look_up_transfer(&groups.textures()?, &mesh.positions_in_grid, &mesh.normals)?.planes;
+    for (store, isosurface) in surfaces {
+        let mesh = isosurface.mesh();
+        let groups = Groups::open(isosurface.transfer().unwrap_or(store), &[])?;
+        let found = match isosurface.transfer() {
+            Some(_) => transfer_at_vertices(&groups.textures()?, &mesh.normals),
+            None => look_up_transfer(&groups.textures()?, &mesh.positions_in_grid, &mesh.normals),
+        };
+        let planes = found?.planes;
         let more = names(&groups).into_iter().zip(planes).map(|(name, values)| Scalars { name, values });
         if all.is_empty() {
             all = more.collect();

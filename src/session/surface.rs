@@ -4,25 +4,39 @@ use super::textures::radiance_of_bricks;
 use super::{Isosurface, Lighting, Lit, LitOptions, LitTexels, LuminaireFactor, Session};
 use crate::error::Result;
 use crate::geom::Bounds;
-use crate::relight::Material;
+use crate::relight::{Material, TriangleIndex, TriangleOrder};
 use crate::surface::Mesh;
 use crate::transfer::{BRICK_TEXELS, Lattice, texels_of_isosurface};
 use crate::volume::Volume;
 use glam::Vec3;
 use std::collections::HashMap;
+use std::sync::OnceLock;
 
 /// An isosurface of a member, and where its lookups read.
 pub struct Part {
     pub(super) isosurface: Isosurface,
     bricks: Vec<[usize; 3]>,
     below_a_texel: f64,
+    triangles: OnceLock<TriangleOrder>,
 }
 
 impl Part {
     pub(super) fn new(volume: &Volume, lattice: Lattice, isosurface: Isosurface) -> Self {
+        if let Some(transfer) = isosurface.transfer() {
+            let [bricks, ..] = transfer.layout().lattice.bricks();
+            let bricks = (0..bricks).map(|b| [b, 0, 0]).collect();
+            return Self { isosurface, bricks, below_a_texel: 0.0, triangles: OnceLock::new() };
+        }
         let bricks = texels_of_isosurface(volume, lattice, isosurface.isovalue()).bricks();
         let below_a_texel = below_a_texel(isosurface.mesh(), lattice);
-        Self { isosurface, bricks, below_a_texel }
+        Self { isosurface, bricks, below_a_texel, triangles: OnceLock::new() }
+    }
+
+    /// The triangles between its vertices, where these have transfer of their own.
+    pub(super) fn triangles(&self) -> Option<TriangleIndex<'_>> {
+        self.isosurface.transfer()?;
+        let mesh = self.isosurface.mesh();
+        Some(TriangleIndex::new(mesh, self.triangles.get_or_init(|| TriangleOrder::new(mesh))))
     }
 
     /// The isosurface.
@@ -112,8 +126,10 @@ impl<'s> Surface<'s> {
         // Its fields are open to whoever writes them.
         Material::new(material.albedo, material.emission)?;
         let all = self.parts.iter().zip(self.session.members());
-        let all =
-            all.map(|(part, member)| radiance_of_bricks(member.store(), &part.bricks, lighting, material, luminaires));
+        let all = all.map(|(part, member)| {
+            let transfer = part.isosurface.transfer().unwrap_or(member.store());
+            radiance_of_bricks(transfer, &part.bricks, lighting, material, luminaires)
+        });
         let (members, clamped) = all.collect::<Result<Vec<_>>>()?.into_iter().unzip();
         Ok(LitTexels {
             surface: self,

@@ -41,7 +41,7 @@ impl Lit<'_> {
             let (texels, session) = (&self.texels, self.texels.surface.session);
             let lighting = texels.lighting;
             let parts = session.members().iter().zip(&texels.surface.parts);
-            file.scalars = relightable::attributes(parts.map(|(m, part)| (m.store(), part.isosurface.mesh())))?;
+            file.scalars = relightable::attributes(parts.map(|(m, part)| (m.store(), &part.isosurface)))?;
             let lit = (session.members()[0].store(), &*texels.luminaires);
             let rotation = lighting.options.rotation_degrees;
             let (light, material, up) = (&lighting.light, &texels.material, session.up());

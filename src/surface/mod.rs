@@ -44,6 +44,7 @@ pub use signs::{StraddlingCells, straddling_cells};
 pub use statistics::{MeshStatistics, mesh_statistics};
 
 use crate::error::{Error, Result};
+use crate::level::{LevelField, Pyramid};
 use crate::volume::{Volume, with_samples};
 
 /// An indexed triangle mesh on the grid of a volume.
@@ -55,6 +56,35 @@ pub struct Mesh {
     pub normals: Vec<[f32; 3]>,
     /// Vertex numbers; counter-clockwise in world space as seen from the lit side.
     pub triangles: Vec<[u32; 3]>,
+}
+
+impl Mesh {
+    /// The same surface with its vertices along a Morton curve through the cells of the grid, and triangles by their first
+    /// vertex: vertices that lie together stand together, so that a range of them is a compact part of the surface.
+    #[must_use]
+    pub fn in_morton_order(self) -> Self {
+        let keys: Vec<u64> = self.positions_in_grid.iter().map(|p| morton(p.map(|v| v as u32))).collect();
+        let mut order: Vec<u32> = (0..keys.len() as u32).collect();
+        order.sort_by_key(|&v| keys[v as usize]);
+        let mut place = vec![0u32; order.len()];
+        order.iter().enumerate().for_each(|(new, &old)| place[old as usize] = new as u32);
+        let sorted = |of: &[[f32; 3]]| order.iter().filter_map(|&v| of.get(v as usize).copied()).collect();
+        let mut triangles: Vec<[u32; 3]> =
+            self.triangles.iter().map(|t| t.map(|v| place[v as usize])).collect();
+        triangles.sort_by_key(|t| t.iter().copied().min());
+        Self { positions_in_grid: sorted(&self.positions_in_grid), normals: sorted(&self.normals), triangles }
+    }
+}
+
+/// The bits of three numbers in turn, the lowest 21 of each.
+fn morton(cell: [u32; 3]) -> u64 {
+    let spread = |v: u32| {
+        // Each step doubles the gaps between halves of the bits.
+        [(32, 0x1f_0000_0000_ffff), (16, 0x1f_0000_ff00_00ff), (8, 0x100f_00f0_0f00_f00f), (4, 0x10c3_0c30_c30c_30c3), (2, 0x1249_2492_4924_9249)]
+            .iter()
+            .fold(u64::from(v) & 0x1f_ffff, |bits, &(shift, mask)| (bits | bits << shift) & mask)
+    };
+    spread(cell[0]) | spread(cell[1]) << 1 | spread(cell[2]) << 2
 }
 
 /// One less than 2³²: the largest 32-bit index restarts primitives in graphics interfaces.
@@ -69,6 +99,22 @@ const MOST_VERTICES: u64 = u32::MAX as u64;
 /// than 2²² samples.
 pub fn extract(volume: &Volume, isovalue: f64) -> Result<Mesh> {
     extract_inner(volume, isovalue, None)
+}
+
+/// The isosurface as it is lit: normals are those of the tracer ([`LevelField::normal`], a smoothed gradient), where they
+/// vanish those of the facets; vertices in the order of [`Mesh::in_morton_order`].
+///
+/// # Errors
+/// As [`extract`]; when the volume has no cells.
+pub fn isosurface(volume: &Volume, pyramid: &Pyramid, isovalue: f64) -> Result<Mesh> {
+    volume.check_cells()?;
+    let mesh = with_samples!(volume.samples(), s => {
+        let field = LevelField::new(volume, s, pyramid);
+        extract_with_normals(volume, isovalue, &|position| {
+            field.normal(&field.locate(position.map(f64::from))).map_or([0.0; 3], |n| n.vec().to_array())
+        })
+    });
+    mesh.map(Mesh::in_morton_order)
 }
 
 /// As [`extract`], without normals: [`Mesh::normals`] is empty. For counting, measuring, and normals made elsewhere.

@@ -15,6 +15,10 @@
 //! bricks = 32³ texels, the unit of writing. Inside a brick x runs fastest. Bricks at the far
 //! edges are full size; texels beyond the lattice are never read.
 //!
+//! # Surfaces
+//! The vertices of a named isosurface hold transfer of their own, without interpolation between texels: a [`Lattice`]
+//! of vertices in a row, in bricks of 512 and chunks of 4096. All that is said of texels holds for them.
+//!
 //! # Scenes
 //! Where a volume stands among walls and luminaires, transfer has three channels ([`Layers::coloured`]): T_k is the
 //! light that the level set reflected k times and coloured walls any number of times. Each luminaire has a texture of
@@ -36,6 +40,7 @@ pub use selection::Selection;
 pub use texture::MemoryTexture;
 
 use crate::error::{Error, Result};
+use crate::grid3;
 use half::f16;
 
 /// Texels along the side of a brick.
@@ -44,6 +49,8 @@ pub const BRICK: usize = 8;
 pub const BRICK_TEXELS: usize = BRICK * BRICK * BRICK;
 /// Texels along the side of a chunk.
 pub const CHUNK: usize = 32;
+/// Vertices of an isosurface in a chunk.
+pub const CHUNK_VERTICES: usize = 4096;
 /// Most layers a texture may have.
 pub const MAX_LAYERS: usize = 16;
 
@@ -63,11 +70,13 @@ pub mod validity {
     pub const OPEN: u8 = 8;
 }
 
-/// Where the texels of a texture sit in the grid of a volume.
+/// Where the texels of a texture sit in the grid of a volume, and how they are cut into bricks and chunks; or the
+/// vertices of an isosurface in their order, each of which takes the place of a texel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lattice {
     grid: [usize; 3],
     texels: [usize; 3],
+    of_vertices: bool,
 }
 
 impl Lattice {
@@ -106,7 +115,7 @@ impl Lattice {
     fn counted(grid: [usize; 3], texels: [usize; 3]) -> Result<Self> {
         let count = texels.iter().try_fold(1u64, |n, &m| n.checked_mul(m as u64));
         if count.is_some_and(|n| n <= MOST_TEXELS) {
-            return Ok(Self { grid, texels });
+            return Ok(Self { grid, texels, of_vertices: false });
         }
         Err(Error::Limit {
             what: "the texture".into(),
@@ -114,6 +123,53 @@ impl Lattice {
             limit: format!("{MOST_TEXELS} texels"),
             remedy: "lower --texture, or crop the volume".into(),
         })
+    }
+
+    /// The vertices of an isosurface in a row: bricks of [`BRICK_TEXELS`] of them, chunks of [`CHUNK_VERTICES`].
+    pub fn of_vertices(count: usize) -> Self {
+        Self { grid: [count, 1, 1], texels: [count, 1, 1], of_vertices: true }
+    }
+
+    /// Whether texels are the vertices of an isosurface.
+    pub fn is_of_vertices(&self) -> bool {
+        self.of_vertices
+    }
+
+    /// Texels of a brick along each axis.
+    pub fn brick_shape(&self) -> [usize; 3] {
+        if self.of_vertices { [BRICK_TEXELS, 1, 1] } else { [BRICK; 3] }
+    }
+
+    /// Texels of a chunk along each axis.
+    pub fn chunk_shape(&self) -> [usize; 3] {
+        if self.of_vertices { [CHUNK_VERTICES, 1, 1] } else { [CHUNK; 3] }
+    }
+
+    /// Bricks of a chunk along each axis.
+    pub fn bricks_of_chunk(&self) -> [usize; 3] {
+        let (chunk, brick) = (self.chunk_shape(), self.brick_shape());
+        std::array::from_fn(|a| chunk[a] / brick[a])
+    }
+
+    /// The brick in a slot of a chunk.
+    pub fn brick_in_chunk(&self, chunk: [usize; 3], slot: usize) -> [usize; 3] {
+        let count = self.bricks_of_chunk();
+        let inner = grid3::at([count[0], count[1]], slot);
+        std::array::from_fn(|a| chunk[a] * count[a] + inner[a])
+    }
+
+    /// The texel at a place of a brick.
+    pub fn texel_in_brick(&self, brick: [usize; 3], place: usize) -> [usize; 3] {
+        let shape = self.brick_shape();
+        let inner = grid3::at([shape[0], shape[1]], place);
+        std::array::from_fn(|a| brick[a] * shape[a] + inner[a])
+    }
+
+    /// The brick of a texel, and its place there.
+    pub fn place_of(&self, texel: [usize; 3]) -> ([usize; 3], usize) {
+        let shape = self.brick_shape();
+        let inner: [usize; 3] = std::array::from_fn(|a| texel[a] % shape[a]);
+        (std::array::from_fn(|a| texel[a] / shape[a]), grid3::index([shape[0], shape[1]], inner))
     }
 
     /// Samples of the volume along each axis.
@@ -128,12 +184,14 @@ impl Lattice {
 
     /// Bricks along each axis.
     pub fn bricks(&self) -> [usize; 3] {
-        self.texels.map(|m| m.div_ceil(BRICK))
+        let shape = self.brick_shape();
+        std::array::from_fn(|a| self.texels[a].div_ceil(shape[a]))
     }
 
     /// Chunks along each axis.
     pub fn chunks(&self) -> [usize; 3] {
-        self.texels.map(|m| m.div_ceil(CHUNK))
+        let shape = self.chunk_shape();
+        std::array::from_fn(|a| self.texels[a].div_ceil(shape[a]))
     }
 
     /// Samples from one texel to the next along `axis`.
@@ -142,7 +200,7 @@ impl Lattice {
         if m < 2 { 1.0 } else { (n - 1) as f64 / (m - 1) as f64 }
     }
 
-    /// Grid position of a texel.
+    /// Grid position of a texel; of vertices, whose places the mesh has, their number.
     pub fn grid_from_texel(&self, texel: [usize; 3]) -> [f64; 3] {
         std::array::from_fn(|a| texel[a] as f64 * self.step(a))
     }

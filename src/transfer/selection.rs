@@ -1,6 +1,6 @@
 //! A set of texels, and the bricks and chunks that hold them.
 
-use super::{BRICK, CHUNK, Lattice};
+use super::Lattice;
 use crate::grid3;
 use crate::volume::{Sample, Volume, with_samples};
 
@@ -162,17 +162,17 @@ impl Selection {
 
     /// Whether a brick holds any texel of the set.
     pub fn touches_brick(&self, brick: [usize; 3]) -> bool {
-        self.touches(brick, BRICK)
+        self.touches(brick, self.lattice.brick_shape())
     }
 
     /// Whether a chunk holds any texel of the set.
     pub fn touches_chunk(&self, chunk: [usize; 3]) -> bool {
-        self.touches(chunk, CHUNK)
+        self.touches(chunk, self.lattice.chunk_shape())
     }
 
-    fn touches(&self, block: [usize; 3], side: usize) -> bool {
+    fn touches(&self, block: [usize; 3], shape: [usize; 3]) -> bool {
         let m = self.lattice.texels();
-        let span = |a: usize| block[a] * side..((block[a] + 1) * side).min(m[a]);
+        let span = |a: usize| block[a] * shape[a]..((block[a] + 1) * shape[a]).min(m[a]);
         let row = span(0);
         !row.is_empty() && span(2).any(|z| span(1).any(|y| self.any_of(self.index([row.start, y, z]), row.len())))
     }

@@ -1,7 +1,7 @@
 //! A transfer texture in memory: what a bake fills before it writes, and what tests and previews
 //! read without a disk.
 
-use super::{BRICK, BRICK_TEXELS, Brick, BrickSource, BrickView, CHUNK, Layers, Layout};
+use super::{BRICK_TEXELS, Brick, BrickSource, BrickView, Layers, Layout};
 use crate::error::{Error, Result};
 use crate::grid3;
 
@@ -55,11 +55,10 @@ impl MemoryTexture {
     /// # Errors
     /// As [`MemoryTexture::insert`].
     pub fn insert_chunk(&mut self, chunk: [usize; 3], bricks: Vec<Option<Brick>>) -> Result<()> {
-        const SIDE: usize = CHUNK / BRICK;
-        for (i, brick) in bricks.into_iter().enumerate() {
-            let inner = grid3::at([SIDE, SIDE], i);
+        let lattice = self.layout.lattice;
+        for (slot, brick) in bricks.into_iter().enumerate() {
             if let Some(brick) = brick {
-                self.insert(std::array::from_fn(|a| chunk[a] * SIDE + inner[a]), brick)?;
+                self.insert(lattice.brick_in_chunk(chunk, slot), brick)?;
             }
         }
         Ok(())

@@ -2,7 +2,7 @@
 //! pure function of (seed, texel, replicate, bounce, path), so the bytes do not depend on threads or
 //! on which chunks are baked together.
 
-use super::chunks::{BRICKS, for_each_chunk};
+use super::chunks::for_each_chunk;
 use super::estimator::{Alone, BrickOutput, Estimator, Fate, WithinLevelSet, brick_of, estimates_of, item_of};
 use super::open::Openness;
 use super::path::{Scratch, Settings, TexelEstimate, estimate};
@@ -35,6 +35,26 @@ pub struct Bake<'a> {
     pub settings: &'a Settings,
     /// Which texels to bake.
     pub selection: &'a Selection,
+    /// The isosurface whose vertices the layout is of; none where it is of texels.
+    pub points: Option<&'a SurfacePoints>,
+}
+
+/// Points of an isosurface that are baked in the place of texels.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SurfacePoints {
+    /// In the file's values.
+    pub isovalue: f64,
+    /// Positions in grid space.
+    pub positions_in_grid: Vec<[f32; 3]>,
+    /// Unit normals in world that point to the lit side, one a position; zero where there is none.
+    pub normals: Vec<[f32; 3]>,
+}
+
+impl SurfacePoints {
+    /// Position and normal of a vertex.
+    fn of_vertex(&self, vertex: usize) -> Option<([f32; 3], [f32; 3])> {
+        Some((*self.positions_in_grid.get(vertex)?, *self.normals.get(vertex)?))
+    }
 }
 
 /// How far a bake has come; shared between the threads and whoever watches.
@@ -71,12 +91,23 @@ impl<'a> Bake<'a> {
         settings: &'a Settings,
         selection: &'a Selection,
     ) -> Self {
-        Self { volume, pyramid, geometry: None, caustics: true, layout, settings, selection }
+        Self { volume, pyramid, geometry: None, caustics: true, layout, settings, selection, points: None }
     }
 
     /// The same among walls, luminaires and other volumes.
     pub fn among(self, geometry: Option<&'a Geometry>) -> Self {
         Self { geometry, ..self }
+    }
+
+    /// The point of a texel on its level set, or of a vertex of the isosurface.
+    pub(super) fn site<E: Estimator>(&self, estimator: &E, texel: [usize; 3]) -> Option<Site> {
+        match self.points {
+            None => estimator.site(self.layout.lattice.grid_from_texel(texel)),
+            Some(points) => {
+                let (position, normal) = points.of_vertex(texel[0])?;
+                estimator.site_on(position, normal, self.volume.raw_from_value(points.isovalue) as f32)
+            }
+        }
     }
 
     /// The groups that are filled: the environment, and among walls and other volumes emission and each luminaire.
@@ -89,6 +120,12 @@ impl<'a> Bake<'a> {
     pub(super) fn check(&self) -> Result<()> {
         self.volume.check_cells()?;
         self.settings.check()?;
+        let points = self.points.map_or(0, |points| points.positions_in_grid.len().min(points.normals.len()));
+        let vertices = if self.layout.lattice.is_of_vertices() { self.layout.lattice.texels()[0] } else { 0 };
+        if points != vertices || self.points.is_some() != self.layout.lattice.is_of_vertices() {
+            let remedy = "make the layout with Lattice::of_vertices, of as many as there are points";
+            return Err(Error::argument("points", points, format!("{vertices}, the vertices of the layout"), remedy));
+        }
         match self.geometry {
             Some(geometry) => self.check_scene(geometry),
             None => Ok(()),
@@ -209,8 +246,8 @@ fn fill<E: Estimator>(
         Some(output)
     };
     let mut hand_on = |chunk: [usize; 3], outputs: Vec<Option<BrickOutput>>| {
-        let mut all: ChunkBricks = layers.iter().map(|_| Vec::with_capacity(BRICKS)).collect();
-        let mut summaries = Vec::with_capacity(BRICKS);
+        let mut all: ChunkBricks = layers.iter().map(|_| Vec::with_capacity(outputs.len())).collect();
+        let mut summaries = Vec::with_capacity(outputs.len());
         for output in outputs {
             let mut bricks = output.map(|output| {
                 summaries.push(output.summary);
@@ -223,7 +260,7 @@ fn fill<E: Estimator>(
     };
     let mut total = Summary::new(layers);
     let mut add = |summaries: Vec<Summary>| summaries.iter().for_each(|s| total.add(s));
-    for_each_chunk(chunks, progress, present, &work, &mut hand_on, &mut add)?;
+    for_each_chunk(&bake.layout.lattice, chunks, progress, present, &work, &mut hand_on, &mut add)?;
     Ok(total)
 }
 
@@ -275,7 +312,7 @@ fn each_estimate<E: Estimator>(
             if rays != bake.settings.rays {
                 return None;
             }
-            let site = estimator.site(bake.layout.lattice.grid_from_texel(texel))?;
+            let site = bake.site(estimator, texel)?;
             let (mut out, mut summary) = (estimates_of(estimator), Summary::default());
             let fate = estimator.estimate(&site, item_of(bake, texel), scratch, &mut summary, &mut out);
             (fate != Fate::Buried).then(|| out.iter().map(narrowed).collect())
@@ -352,7 +389,7 @@ fn of_texels<E: Estimator>(estimator: &E, bake: &Bake<'_>, texels: &[[usize; 3]]
             let (mut summary, mut out) = (Summary::new(estimator.layers()), estimates_of(estimator));
             for &texel in part {
                 summary.texels += 1;
-                let Some(site) = estimator.site(bake.layout.lattice.grid_from_texel(texel)) else { continue };
+                let Some(site) = bake.site(estimator, texel) else { continue };
                 let fate = estimator.estimate(&site, item_of(bake, texel), scratch, &mut summary, &mut out);
                 if fate != Fate::Buried {
                     summary.count(&out, estimator.layers(), site.clamped, fate == Fate::Open);

@@ -3,16 +3,10 @@
 
 use super::bake::Progress;
 use crate::error::{Error, Result};
-use crate::grid3;
-use crate::transfer::{BRICK, CHUNK};
+use crate::transfer::Lattice;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-
-/// Bricks along the side of a chunk.
-const PER_SIDE: usize = CHUNK / BRICK;
-/// Bricks in a chunk.
-pub(super) const BRICKS: usize = PER_SIDE * PER_SIDE * PER_SIDE;
 
 /// Most chunks that are held at a time: each thread may work on another, and one is being handed on.
 pub(super) fn most_in_work() -> usize {
@@ -48,7 +42,7 @@ struct Finish<'a, Out, Done> {
 /// Runs `work` for every brick of `chunks` on all threads of the pool.
 ///
 /// `load` says what is there of a chunk; `work` gets a scratch of its thread, that, the brick's index in the lattice and its
-/// slot in the chunk. `hand_on` gets the 64 outputs of a chunk (x fastest) when the last is there, one chunk at a time but
+/// slot in the chunk. `hand_on` gets the outputs of a chunk, one a slot (x fastest) when the last is there, one chunk at a time but
 /// not in order; what it returns goes to `add` in the order of `chunks`.
 ///
 /// `progress.stop` lets the chunks in work be finished and begins no other; `progress.cancel` drops them.
@@ -56,6 +50,7 @@ struct Finish<'a, Out, Done> {
 /// # Errors
 /// Those of `load` and `hand_on`; of several the one of the first chunk.
 pub(super) fn for_each_chunk<Old: Send + Sync, Out: Send, Done: Send, Scratch: Default>(
+    lattice: &Lattice,
     chunks: &[[usize; 3]],
     progress: &Progress,
     load: &(dyn Fn([usize; 3]) -> Result<Old> + Sync),
@@ -63,6 +58,7 @@ pub(super) fn for_each_chunk<Old: Send + Sync, Out: Send, Done: Send, Scratch: D
     hand_on: &mut (dyn FnMut([usize; 3], Vec<Option<Out>>) -> Result<Done> + Send),
     add: &mut (dyn FnMut(Done) + Send),
 ) -> Result<()> {
+    let bricks = lattice.bricks_of_chunk().iter().product::<usize>();
     let states: Vec<Mutex<Option<Chunk<Old, Out>>>> = chunks.iter().map(|_| Mutex::new(None)).collect();
     let (next, end) = (AtomicUsize::new(0), AtomicUsize::new(chunks.len()));
     let finish = Mutex::new(Finish { hand_on, add, waiting: BTreeMap::new(), next: 0, failure: None });
@@ -77,7 +73,7 @@ pub(super) fn for_each_chunk<Old: Send + Sync, Out: Send, Done: Send, Scratch: D
         let mut scratch = Scratch::default();
         loop {
             let item = next.fetch_add(1, Ordering::Relaxed);
-            let (position, slot) = (item / BRICKS, item % BRICKS);
+            let (position, slot) = (item / bricks, item % bricks);
             // A chunk begins with its first brick: after that a stop lets it be finished.
             if slot == 0 && progress.stop.load(Ordering::Relaxed) {
                 end.fetch_min(position, Ordering::Relaxed);
@@ -89,8 +85,8 @@ pub(super) fn for_each_chunk<Old: Send + Sync, Out: Send, Done: Send, Scratch: D
             let old = {
                 let mut state = locked(&states[position]);
                 let begin = || {
-                    let outputs = std::iter::repeat_with(|| None).take(BRICKS).collect();
-                    Ok(Chunk { old: Some(Arc::new(load(chunk)?)), outputs, left: BRICKS })
+                    let outputs = std::iter::repeat_with(|| None).take(bricks).collect();
+                    Ok(Chunk { old: Some(Arc::new(load(chunk)?)), outputs, left: bricks })
                 };
                 let begun = match state.take().map_or_else(begin, Ok) {
                     Ok(begun) => begun,
@@ -101,8 +97,7 @@ pub(super) fn for_each_chunk<Old: Send + Sync, Out: Send, Done: Send, Scratch: D
                 old
             };
             let Some(old) = old else { return };
-            let inner = grid3::at([PER_SIDE, PER_SIDE], slot);
-            let index = std::array::from_fn(|a| chunk[a] * PER_SIDE + inner[a]);
+            let index = lattice.brick_in_chunk(chunk, slot);
             let output = work(&mut scratch, &old, index, slot);
             if progress.cancel.load(Ordering::Relaxed) {
                 return;
@@ -152,6 +147,14 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::grid3;
+
+    const PER_SIDE: usize = 4;
+    const BRICKS: usize = 64;
+
+    fn lattice() -> Lattice {
+        Lattice::from_ratio([2100, 8, 8], 1.0).unwrap()
+    }
 
     fn chunks(n: usize) -> Vec<[usize; 3]> {
         (0..n).map(|i| [i, 0, 0]).collect()
@@ -169,6 +172,7 @@ mod tests {
             pool(threads)
                 .install(|| {
                     for_each_chunk(
+                        &lattice(),
                         &chunks(9),
                         &Progress::default(),
                         &|chunk| Ok(chunk[0]),
@@ -213,7 +217,7 @@ mod tests {
                 Ok(())
             };
             pool(threads)
-                .install(|| for_each_chunk(&chunks(64), &progress, &|_| Ok(()), &work, &mut hand_on, &mut |()| {}))
+                .install(|| for_each_chunk(&lattice(), &chunks(64), &progress, &|_| Ok(()), &work, &mut hand_on, &mut |()| {}))
                 .unwrap();
             // The fifth was in work when the flag was set; other threads may have begun one more each.
             match cancel {
@@ -235,7 +239,7 @@ mod tests {
             let progress = Progress::default();
             let work = |_: &mut (), _: &(), _: [usize; 3], _: usize| Some(());
             let found = pool(threads)
-                .install(|| for_each_chunk(&chunks(8), &progress, &load, &work, &mut hand_on, &mut |()| {}));
+                .install(|| for_each_chunk(&lattice(), &chunks(8), &progress, &load, &work, &mut hand_on, &mut |()| {}));
             assert!(found.unwrap_err().to_string().contains('3'));
         }
     }

@@ -2,12 +2,12 @@
 
 use super::bake::Bake;
 use super::open::{Openness, unoccluded};
-use super::path::{Scratch, Settings, TexelEstimate};
+use super::path::{Scratch, Settings, TexelEstimate, expected_error};
 use super::summary::Summary;
-use super::sums::Real;
+use super::sums::{Real, target_stderr};
 use crate::grid3;
 use crate::level::{Counts, LevelField, Site};
-use crate::transfer::{BRICK, BRICK_TEXELS, Brick, Layers, validity};
+use crate::transfer::{BRICK_TEXELS, Brick, Layers, validity};
 use crate::volume::Sample;
 use half::f16;
 
@@ -34,6 +34,9 @@ pub(super) trait Estimator: Sync {
 
     /// The point of a texel on its level set, from its grid position.
     fn site(&self, position_in_grid: [f64; 3]) -> Option<Site>;
+
+    /// A point of an isosurface: its place, its normal, and the isovalue of all of them, as stored.
+    fn site_on(&self, position_in_grid: [f32; 3], normal: [f32; 3], isovalue: f32) -> Option<Site>;
 
     /// Estimates the transfer of a site, one entry of `out` a texture; `item` is the linear index of its texel. Work is
     /// added to the counts of `summary`.
@@ -68,6 +71,10 @@ impl<T: Sample> Estimator for Alone<'_, '_, '_, T> {
 
     fn site(&self, position_in_grid: [f64; 3]) -> Option<Site> {
         self.field.site(position_in_grid)
+    }
+
+    fn site_on(&self, position_in_grid: [f32; 3], normal: [f32; 3], isovalue: f32) -> Option<Site> {
+        self.field.site_on(position_in_grid, normal, isovalue)
     }
 
     fn estimate(
@@ -119,19 +126,22 @@ pub(super) fn brick_of<E: Estimator>(
     let mut summary = Summary::new(all_layers);
     let mut out = estimates_of(estimator);
     for t in 0..BRICK_TEXELS {
-        let inner = grid3::at([BRICK, BRICK], t);
-        let texel: [usize; 3] = std::array::from_fn(|a| index[a] * BRICK + inner[a]);
+        let texel = bake.layout.lattice.texel_in_brick(index, t);
         if !bake.selection.contains(texel) {
             continue;
         }
         summary.texels += 1;
-        let Some(site) = estimator.site(bake.layout.lattice.grid_from_texel(texel)) else {
+        let Some(site) = bake.site(estimator, texel) else {
             blank(&mut bricks, all_layers, t);
             continue;
         };
         let first = &bricks[0];
         let has = if first.validity[t] & validity::VALID != 0 { first.rays[t] } else { 0 };
         if bake.settings.target.is_none() && has >= bake.settings.rays {
+            summary.texels -= 1;
+            continue;
+        }
+        if has > 0 && meets_target(bake, &bricks, t) {
             summary.texels -= 1;
             continue;
         }
@@ -154,6 +164,21 @@ pub(super) fn brick_of<E: Estimator>(
         }
     }
     BrickOutput { bricks, summary }
+}
+
+/// Whether a texel of a volume alone, as it is stored, has the error at which a new one would stop.
+fn meets_target(bake: &Bake<'_>, bricks: &[Brick], t: usize) -> bool {
+    let ([brick], Some(target)) = (bricks, &bake.settings.target) else { return false };
+    let layers = &bake.settings.layers;
+    let widened = |stored: &[f16], n: usize| stored[t * n..(t + 1) * n].iter().map(|v| v.to_f32()).collect();
+    let mut texel: TexelEstimate = TexelEstimate {
+        transfer: widened(&brick.transfer, layers.coefficients()),
+        stderr: widened(&brick.stderr, layers.errors()),
+        rays: brick.rays[t],
+        ..TexelEstimate::default()
+    };
+    texel.target_stderr = target_stderr(layers, Some(target), &texel);
+    expected_error(&texel) <= target.error
 }
 
 /// Makes a texel one without a surface.

@@ -27,7 +27,7 @@ mod sums;
 #[cfg(test)]
 mod tests;
 
-pub use bake::{Bake, ChunkBricks, Present, Progress, Sink, bake, bake_brick, estimates, pilot, trial};
+pub use bake::{Bake, ChunkBricks, Present, Progress, Sink, SurfacePoints, bake, bake_brick, estimates, pilot, trial};
 pub use direct::{Radiance, SurfacePoint, buried, direct};
 pub use estimator::BrickOutput;
 pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};

@@ -1,7 +1,7 @@
 //! Bakes of the volumes of a scene, one after the other, into one store of the cache.
 
 use super::{Cache, Filled};
-use crate::bake::{Request, Writing};
+use crate::bake::{ForLight, Request, Writing};
 use crate::cli::bake_report::Told;
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, NamedIsovalue};
@@ -19,6 +19,8 @@ pub(in crate::cli) struct MemberBakes<'a> {
     pub(in crate::cli) transfer: &'a TransferArgs,
     pub(in crate::cli) file: Option<&'a SceneFile>,
     pub(in crate::cli) seed: u64,
+    /// The lights that errors are measured by.
+    pub(in crate::cli) lights: Vec<ForLight>,
     /// When the command began.
     pub(in crate::cli) start: Instant,
     pub(in crate::cli) console: &'a Console,
@@ -35,7 +37,7 @@ impl<'a> MemberBakes<'a> {
         start: Instant,
         console: &'a Console,
     ) -> Self {
-        Self { cache, transfer, file, seed, start, console, path: None }
+        Self { cache, transfer, file, seed, lights: Vec::new(), start, console, path: None }
     }
 
     /// The store, once the first volume was baked.
@@ -59,7 +61,7 @@ impl<'a> MemberBakes<'a> {
         volume.notes.iter().for_each(|note| self.console.note(&note.text));
         let (bands, effects) = (self.file.and_then(scene::bands).unwrap_or(vec![5]), self.transfer.effects());
         let of_member = (volume, member.label.as_str(), member.geometry.as_ref());
-        let job = baking::request_of_cache(of_member, self.transfer, &bands, isovalues, self.seed, &effects)?;
+        let job = baking::request_of_cache(of_member, self.transfer, &bands, isovalues, (self.seed, self.lights.clone()), &effects)?;
         // The first decides the name of the store, which proves whose it is; the others only join it.
         let writing = if self.path.is_none() { job.writing } else { Writing::default() };
         let job = Request { writing, ..job };

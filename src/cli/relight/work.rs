@@ -2,12 +2,13 @@
 
 use super::file::Context;
 use super::{Draft, LitSurface, Relight, Relit};
-use crate::bake::{Goal, Request};
+use crate::bake::{ForLight, Goal, Request, layout_of_scene};
 use crate::cli::bake_report::Told;
 use crate::cli::baking;
 use crate::cli::cache::{Cache, Filled, InUse};
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, tell};
+use crate::cli::light::by_option;
 use crate::cli::output::{Format, Target, make_folder, targets};
 use crate::cli::picture::check_size;
 use crate::cli::scene;
@@ -18,9 +19,10 @@ use crate::level::Pyramid;
 use crate::probe::Probe;
 use crate::scene::geometry::Geometry;
 use crate::scene::{Effects, EmissionRule, MaterialRule};
-use crate::session::{Part, Session, Surface};
+use crate::session::{Lighting, Part, Session, Surface};
+use crate::sh::Coefficients;
 use crate::transfer::store::Store;
-use crate::transfer::{Lattice, Layout};
+use crate::transfer::{Lattice, Layers, Layout};
 use crate::transport::Settings;
 use crate::volume::Volume;
 use std::path::PathBuf;
@@ -161,7 +163,10 @@ impl<'a> Work<'a> {
         let bands = self.command.scene.as_ref().and_then(scene::bands).unwrap_or(vec![5]);
         let (of_volume, isovalues) = ((self.volume, label, self.geometry), Some(self.isovalues.clone()));
         let transfer = &self.command.transfer;
-        let job = baking::request_of_cache(of_volume, transfer, &bands, isovalues, seed, &self.effects)?;
+        let layers = layout_of_scene(transfer.layout(self.volume, &bands)?, self.geometry).layers;
+        let albedo = self.rule.largest_albedo(Some(&self.isovalues));
+        let lights = lights(self.command, self.probes, (self.up, &layers), albedo)?;
+        let job = baking::request_of_cache(of_volume, transfer, &bands, isovalues, (seed, lights), &self.effects)?;
         baking::check(&job)?;
         let cache = Cache::locate(self.command.cache.as_deref())?;
         cache.prepare()?;
@@ -171,13 +176,12 @@ impl<'a> Work<'a> {
             let (rays, texture) = (draft.settings.rays, draft.layout.lattice.texels());
             drop(self.light(&source, Vec::new())?);
             let written_after = self.start.elapsed();
-            self.console.note(format!(
-                "a draft of {rays} rays a texel, {} × {} × {} texels, is written after {}; going on",
-                texture[0],
-                texture[1],
-                texture[2],
-                text::duration(written_after)
-            ));
+            let what = match draft.surfaces {
+                true => "vertex".into(),
+                false => format!("texel, {} × {} × {} texels,", texture[0], texture[1], texture[2]),
+            };
+            let after = text::duration(written_after);
+            self.console.note(format!("a draft of {rays} rays a {what} is written after {after}; going on"));
             drafts.push(Draft { rays, texture, written_after });
         }
         let (source, _use) = self.bake(&job, &cache, false)?;
@@ -203,7 +207,7 @@ impl<'a> Work<'a> {
         };
         let mut drafts = Vec::new();
         let all: u64 = lattice.texels().iter().map(|&m| m as u64).product();
-        if missing as f64 > DRAFT_SHARE * all as f64 {
+        if !job.surfaces && missing as f64 > DRAFT_SHARE * all as f64 {
             let halved = std::array::from_fn(|a| lattice.texels()[a].div_ceil(2).max(lattice.grid()[a].min(2)));
             let lattice = Lattice::from_texels(lattice.grid(), halved)?;
             drafts.push(few_rays(Layout { lattice, layers: job.layout.layers.clone() }));
@@ -223,6 +227,32 @@ impl<'a> Work<'a> {
         }
         Ok((Source { store, transport_rays: report.summary.counts.rays }, in_use))
     }
+}
+
+/// The lights of the command, as errors are measured by them.
+pub(super) fn lights(
+    command: &Relight,
+    probes: &[Probe],
+    (up, layers): (Up, &Layers),
+    albedo: f32,
+) -> Outcome<Vec<ForLight>> {
+    let options = command.light.options(command.splits_sun());
+    let each = probes.iter().map(|probe| {
+        let lighting = Lighting::new(probe, up, layers, &options).map_err(by_option)?;
+        let of_layer = |k: usize| -> [Coefficients; 3] {
+            let rgb = lighting.light().coefficients(k);
+            let bands = lighting.light().bands(k);
+            let mut channels = [(); 3].map(|()| Coefficients::zero(bands));
+            for (c, channel) in channels.iter_mut().enumerate() {
+                channel.values_mut().iter_mut().zip(rgb).for_each(|(to, from)| *to = from[c]);
+            }
+            channels
+        };
+        let turned = if options.rotation_degrees == 0.0 { String::new() } else { format!(" turned {}°", options.rotation_degrees) };
+        let name_in_store = format!("{}{turned}", probe.name);
+        Ok(ForLight { name: probe.name.clone(), name_in_store, light: of_layer(1), direct: Some(of_layer(0)), albedo })
+    });
+    each.collect()
 }
 
 /// Rays a texel of a draft.

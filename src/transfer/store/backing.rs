@@ -183,6 +183,25 @@ impl Backing {
         }
     }
 
+    /// The names of the folders in a folder, ascending; none where there is no such folder. Hidden ones are left out.
+    pub fn folders(&self, folder: &str) -> Vec<String> {
+        let mut names: Vec<String> = match self {
+            Self::Directory(root) => {
+                let entries = fs::read_dir(root.path.join(folder)).into_iter().flatten().flatten();
+                let folders = entries.filter(|entry| entry.path().is_dir());
+                folders.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
+            }
+            Self::Archive(archive) => {
+                let inside = |key: &String| Some(key.strip_prefix(folder)?.strip_prefix('/')?.split_once('/')?.0.to_owned());
+                archive.entries.keys().filter_map(inside).collect()
+            }
+        };
+        names.retain(|name| !name.starts_with('.'));
+        names.sort_unstable();
+        names.dedup();
+        names
+    }
+
     /// Length of the file of a key.
     pub fn length(&self, key: &str) -> Option<u64> {
         match self {

@@ -21,7 +21,8 @@ use super::super::texture::{check_brick, check_index};
 use super::super::{BRICK_TEXELS, Brick, BrickSource, BrickView, Layers, Layout};
 use super::backing::{Backing, Bytes, Staged};
 use super::identity::{FORMAT_VERSION, STAMPED_VERSION};
-use super::zarr::{self, FORMAT, Presence, SIDE, SLOTS, STAMP, ShardTail};
+use super::zarr::{self, FORMAT, Presence, STAMP, ShardTail};
+use super::surface::SURFACES;
 use super::{ChunkExtent, Store};
 use crate::error::{Error, Result};
 use crate::grid3;
@@ -29,7 +30,7 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// The arrays of a transfer group: name, and whether a fourth axis follows z, y, x.
+/// The arrays of a transfer group: name, and whether another axis follows z, y, x, or that of the vertices.
 pub(super) const ARRAYS: [(&str, bool); 4] =
     [("transfer", true), ("stderr", true), ("validity", false), ("rays", false)];
 /// How often a reader looks again at a chunk whose files do not belong together.
@@ -89,8 +90,18 @@ fn stamp_of(record: &Value) -> ([u8; STAMP], String) {
 
 impl Store {
     pub(super) fn shard_key(&self, array: usize, index: [usize; 3]) -> String {
-        let (name, fourth) = ARRAYS[array];
-        zarr::chunk_key(&format!("{}/{name}", self.env), index, fourth)
+        let (name, has_last_axis) = ARRAYS[array];
+        let [x, y, z] = index;
+        let mut indices = if self.layout.lattice.is_of_vertices() { vec![x] } else { vec![z, y, x] };
+        if has_last_axis {
+            indices.push(0);
+        }
+        zarr::chunk_key(&format!("{}/{name}", self.env), &indices)
+    }
+
+    /// Bricks of a chunk.
+    pub(super) fn slots(&self) -> usize {
+        self.layout.lattice.bricks_of_chunk().iter().product()
     }
 
     pub(super) fn extent_key(&self, [x, y, z]: [usize; 3]) -> String {
@@ -109,8 +120,14 @@ impl Store {
 
     /// The part of a record that says where it belongs.
     fn belongs(&self) -> Value {
-        let (volume, group) = self.env.trim_start_matches("transfer/").split_once('/').unwrap_or_default();
-        json!({ "store": self.identity_hash, "volume": volume, "group": group, "seed": self.identity.seed })
+        let (part, place) = self.env.split_once('/').unwrap_or_default();
+        let (volume, group) = place.split_once('/').unwrap_or_default();
+        let group = if part == SURFACES { format!("{SURFACES}/{group}") } else { group.to_owned() };
+        let mut of = json!({ "store": self.identity_hash, "volume": volume, "group": group, "seed": self.identity.seed });
+        if let Some(mark) = &self.surface {
+            of["mesh"] = json!(mark.mesh);
+        }
+        of
     }
 
     fn slot(&self, [x, y, z]: [usize; 3]) -> usize {
@@ -129,7 +146,7 @@ impl Store {
         Error::format(FORMAT, found, expected, remedy).in_file(self.backing.name(key))
     }
 
-    /// Writes a chunk: its 64 bricks, x fastest, and how far they were baked. A chunk that is
+    /// Writes a chunk: its bricks, x fastest, and how far they were baked. A chunk that is
     /// already there is replaced. What this or another [`Store`] has opened of it before stays as
     /// it was; see [`Self::refresh`]. Different chunks may be written from different threads,
     /// processes and machines at once; the bytes depend on the arguments alone.
@@ -169,9 +186,11 @@ impl Store {
         staged.push(self.backing.stage(&self.extent_key(index), self.sync, |out| writeln!(out, "{record}"))?);
         // Backwards: `transfer`, the first of the arrays, is the mark of the commit and comes last.
         for array in (0..ARRAYS.len()).rev() {
-            let chunks = std::array::from_fn(|slot| {
-                bricks[slot].as_ref().zip(sums[slot]).map(|(brick, sums)| (bytes_of(brick)[array], sums[array]))
-            });
+            let chunks: Vec<Option<(&[u8], u32)>> = bricks
+                .iter()
+                .zip(&sums)
+                .map(|(brick, sums)| Some((bytes_of(brick.as_ref()?)[array], sums.as_ref()?[array])))
+                .collect();
             let key = self.shard_key(array, index);
             staged.push(self.backing.stage(&key, self.sync, |out| zarr::write_shard(out, &chunks, &stamp))?);
         }
@@ -182,24 +201,23 @@ impl Store {
 
     fn check_chunk(&self, index: [usize; 3], bricks: &[Option<Brick>]) -> Result<()> {
         check_index("chunk", index, self.layout.lattice.chunks())?;
-        if bricks.len() != SLOTS {
+        if bricks.len() != self.slots() {
             return Err(Error::argument(
                 "bricks",
                 format!("{} bricks", bricks.len()),
-                format!("{SLOTS}, x fastest, None where nothing is baked"),
+                format!("{}, x fastest, None where nothing is baked", self.slots()),
                 "hand over the whole chunk",
             ));
         }
         for (slot, brick) in bricks.iter().enumerate().filter_map(|(slot, b)| b.as_ref().map(|b| (slot, b))) {
             check_brick(brick, &self.layout.layers)?;
-            let inside = grid3::at([SIDE, SIDE], slot);
-            let global = std::array::from_fn(|a| index[a] * SIDE + inside[a]);
-            check_index("brick", global, self.layout.lattice.bricks())?;
+            let lattice = &self.layout.lattice;
+            check_index("brick", lattice.brick_in_chunk(index, slot), lattice.bricks())?;
         }
         Ok(())
     }
 
-    /// Reads a chunk from disk as it is now: its 64 bricks, x fastest, and how far they were
+    /// Reads a chunk from disk as it is now: its bricks, x fastest, and how far they were
     /// baked. `None` if it was not baked, or if a killed run left it torn: then it is to be baked
     /// again.
     ///
@@ -207,7 +225,7 @@ impl Store {
     /// When the index is outside the lattice or a file is damaged or cannot be read.
     pub fn read_chunk(&self, index: [usize; 3]) -> Result<Option<(Vec<Option<Brick>>, ChunkExtent)>> {
         let Found::Whole(chunk) = self.find_chunk(index)? else { return Ok(None) };
-        let bricks = (0..SLOTS).map(|slot| Ok(self.view(&chunk, slot)?.map(|view| view.to_brick())));
+        let bricks = (0..self.slots()).map(|slot| Ok(self.view(&chunk, slot)?.map(|view| view.to_brick())));
         Ok(Some((bricks.collect::<Result<_>>()?, chunk.extent)))
     }
 
@@ -252,7 +270,7 @@ impl Store {
                     None => return Err(self.damage(&key, index, "no such file", "one shard for each array")),
                 },
             };
-            let tail = zarr::read_tail(&shard, bytes[array])
+            let tail = zarr::read_tail(&shard, self.slots(), bytes[array])
                 .map_err(|(found, expected)| self.damage(&key, index, found, expected))?;
             if tail.stamp != stamp {
                 return Ok(Found::Torn(self.backing.name(&key)));
@@ -361,8 +379,9 @@ impl BrickSource for Store {
 
     fn brick(&self, index: [usize; 3]) -> Result<Option<BrickView<'_>>> {
         check_index("brick", index, self.layout.lattice.bricks())?;
-        let Some(chunk) = self.open_chunk(index.map(|i| i / SIDE))? else { return Ok(None) };
-        let [x, y, z] = index.map(|i| i % SIDE);
-        self.view(chunk, grid3::index([SIDE, SIDE], [x, y, z]))
+        let count = self.layout.lattice.bricks_of_chunk();
+        let chunk = std::array::from_fn(|a| index[a] / count[a]);
+        let Some(chunk) = self.open_chunk(chunk)? else { return Ok(None) };
+        self.view(chunk, grid3::index([count[0], count[1]], std::array::from_fn(|a| index[a] % count[a])))
     }
 }

@@ -37,7 +37,17 @@ impl Completeness {
             }
         }
         let count = |list: &[bool]| list.iter().filter(|&&is| is).count();
-        Ok(Self { needed: count(&touched), there: count(&touched) - count(&lacking) })
+        let mut all = Self { needed: count(&touched), there: count(&touched) - count(&lacking) };
+        for isovalue in store.surfaces()? {
+            let Some(surface) = store.surface(isovalue)? else { continue };
+            let asked = surface.asked()?;
+            for c in 0..surface.layout().lattice.chunks()[0] {
+                let extent = surface.chunk_extent([c, 0, 0])?.unwrap_or_default();
+                all.needed += 1;
+                all.there += usize::from(!asked.claims().is_empty() && asked.claims().iter().all(|c| extent.covers(c)));
+            }
+        }
+        Ok(all)
     }
 
     /// Refuses a store that lacks chunks, unless that is accepted.
@@ -57,5 +67,5 @@ impl Completeness {
 
 /// The texels that what a store holds was baked for.
 pub fn selection(lattice: Lattice, volume: &Volume, held: &Holdings) -> Selection {
-    texels_of_isosurfaces(volume, lattice, if held.all { None } else { Some(&held.isovalues) })
+    texels_of_isosurfaces(volume, lattice, if held.all { None } else { Some(&held.in_texture) })
 }

@@ -63,50 +63,32 @@ pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selecti
         }
         Err(other) => return Err(other),
     };
-    let [cx, cy, cz] = store.layout.lattice.chunks();
-    let indices = || grid3::all([cx, cy, cz]);
     // The extents first: only all together do they say what should be there.
-    let extents: Vec<ChunkExtent> = indices().filter_map(|i| store.chunk_extent(i).ok().flatten()).collect();
+    let mut tally = Tally::default();
+    let extents = tally.readable(store);
     let held = Holdings::of(&extents);
     let selected = match &volume {
         Some(volume) if held.chunks > 0 => selection(volume, &held),
         _ => Selection::empty(store.layout.lattice),
     };
-    let (mut sound, mut texels) = (0, Texels::default());
-    let (mut holes, mut torn, mut damaged, mut places) = (0, Vec::new(), 0, Vec::new());
-    let groups = store.other_groups()?;
-    for index in indices() {
-        let state = store.examine_chunk(index, &selected)?;
-        if !matches!(state, ChunkState::Absent) {
-            for group in &groups {
-                let what = match group.verify_one(index, &Selection::empty(store.layout.lattice))? {
-                    ChunkCheck::Sound(_) => continue,
-                    ChunkCheck::Damaged(what) => what,
-                    ChunkCheck::Absent => {
-                        format!("{}: missing", group.path().join(group.shard_key(0, index)).display())
-                    }
-                };
-                damaged += 1;
-                places.push(what);
+    tally.examine(store, &selected)?;
+    let mut extents = extents;
+    let mut held = held;
+    match store.surfaces() {
+        Ok(isovalues) => {
+            for isovalue in isovalues {
+                let Some(surface) = tally.surface(store, isovalue)? else { continue };
+                let more = tally.readable(&surface);
+                tally.examine(&surface, &Selection::all(surface.layout.lattice))?;
+                held.surfaces.extend((!more.is_empty()).then_some(isovalue));
+                extents.extend(more);
             }
         }
-        match state {
-            ChunkState::Absent => match store.orphan(index) {
-                Some(name) => torn.push(format!("{name}: missing, while other files of the chunk are there")),
-                None => holes += u64::from(selected.touches_chunk(index)),
-            },
-            ChunkState::Torn(name) => torn.push(name.display().to_string()),
-            ChunkState::Damaged(errors) => {
-                damaged += 1;
-                places.extend(errors.into_iter().map(|e| e.to_string()));
-            }
-            ChunkState::Whole(found) => {
-                sound += 1;
-                texels.add(&found);
-            }
-        }
+        Err(error @ (Error::Format { .. } | Error::Limit { .. })) => tally.add_damage(error.to_string()),
+        Err(other) => return Err(other),
     }
-    let chunks = (cx * cy * cz) as u64;
+    let held = Holdings { in_texture: held.in_texture, surfaces: held.surfaces, ..Holdings::of(&extents) };
+    let Tally { chunks, sound, texels, holes, torn, damaged, places } = tally;
     if damaged > 0 {
         let handled = "relight refuses such a chunk by name; the others stay usable, and a bake redoes what is damaged";
         findings.push(Finding::new("damaged chunks", (damaged, chunks, "chunks"), listed(&places), handled).damage());
@@ -137,6 +119,86 @@ pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selecti
     findings.extend(old_format(store));
     findings.extend(leftovers(store));
     Ok(Diagnosis { chunks, sound, bricks: texels.bricks, held, findings })
+}
+
+/// What the chunks of a store are found to be.
+#[derive(Default)]
+struct Tally {
+    chunks: u64,
+    sound: u64,
+    texels: Texels,
+    holes: u64,
+    torn: Vec<String>,
+    damaged: u64,
+    places: Vec<String>,
+}
+
+impl Tally {
+    fn add_damage(&mut self, what: String) {
+        self.damaged += 1;
+        self.places.push(what);
+    }
+
+    /// The records of the chunks of a texture or a surface that can be read.
+    fn readable(&self, store: &Store) -> Vec<ChunkExtent> {
+        let indices = grid3::all(store.layout.lattice.chunks());
+        indices.filter_map(|i| store.chunk_extent(i).ok().flatten()).collect()
+    }
+
+    /// A surface with a mesh that is sound; what is damaged of it is counted.
+    fn surface(&mut self, store: &Store, isovalue: f64) -> Result<Option<Store>> {
+        let found = store.surface(isovalue).and_then(|surface| {
+            surface.as_ref().map(Store::mesh).transpose()?;
+            Ok(surface)
+        });
+        match found {
+            Err(error @ (Error::Format { .. } | Error::Limit { .. })) => {
+                self.add_damage(error.to_string());
+                Ok(None)
+            }
+            found => found,
+        }
+    }
+
+    /// Reads every chunk of a texture or a surface, in all of its groups; `selected`: what should be baked.
+    fn examine(&mut self, store: &Store, selected: &Selection) -> Result<()> {
+        let groups = store.other_groups()?;
+        let nothing = Selection::empty(store.layout.lattice);
+        for index in grid3::all(store.layout.lattice.chunks()) {
+            self.chunks += 1;
+            let state = store.examine_chunk(index, selected)?;
+            if !matches!(state, ChunkState::Absent) {
+                for group in &groups {
+                    match group.verify_one(index, &nothing)? {
+                        ChunkCheck::Sound(_) => {}
+                        ChunkCheck::Damaged(what) => self.add_damage(what),
+                        ChunkCheck::Absent => {
+                            let file = group.path().join(group.shard_key(0, index));
+                            self.add_damage(format!("{}: missing", file.display()));
+                        }
+                    }
+                }
+            }
+            match state {
+                ChunkState::Absent => match store.orphan(index) {
+                    Some(name) => {
+                        self.torn.push(format!("{name}: missing, while other files of the chunk are there"));
+                    }
+                    None => self.holes += u64::from(selected.touches_chunk(index)),
+                },
+                ChunkState::Torn(name) => self.torn.push(name.display().to_string()),
+                ChunkState::Damaged(errors) => {
+                    self.damaged += 1;
+                    self.places.extend(errors.into_iter().map(|e| e.to_string()));
+                }
+                ChunkState::Whole(found) => {
+                    self.sound += 1;
+                    self.texels.add(&found);
+                }
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Metadata that this program does not need to read the chunks, but others do.

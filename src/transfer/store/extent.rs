@@ -28,11 +28,16 @@ pub struct Baked {
 }
 
 impl Baked {
+    /// Of an isosurface, however well: every other claim of it covers this one.
+    pub fn any(isovalue: Option<f64>) -> Self {
+        Self { isovalue, rays: 0, target: None }
+    }
+
     /// Whether this claim implies another.
     pub fn covers(&self, other: &Self) -> bool {
         let error = match (&self.target, &other.target) {
             (None, _) => true,
-            (Some(_), None) => false,
+            (Some(_), None) => other.rays == 0,
             (Some(have), Some(want)) => have.of == want.of && have.error <= want.error,
         };
         (self.isovalue.is_none() || self.isovalue == other.isovalue) && self.rays >= other.rays && error

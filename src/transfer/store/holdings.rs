@@ -14,6 +14,10 @@ pub struct Holdings {
     pub all: bool,
     /// Isovalues that were asked for one by one, ascending, in the file's values.
     pub isovalues: Vec<f64>,
+    /// Of these, those that the texture was baked for.
+    pub in_texture: Vec<f64>,
+    /// Of these, those with transfer at the vertices of their isosurfaces.
+    pub surfaces: Vec<f64>,
     /// Fewest and most rays of any claim; the most that a texel gets where texels stop at an error.
     pub rays: [u32; 2],
     /// What texels stop by before that, with the smallest and the largest error.
@@ -38,20 +42,44 @@ impl Holdings {
             held.isovalues.sort_by(f64::total_cmp);
             held.isovalues.dedup();
         }
+        held.in_texture = held.isovalues.clone();
         held.rays[0] = held.rays[0].min(held.rays[1]);
         held
     }
 }
 
 impl Store {
-    /// What the chunks hold, as it is on disk now. Reads no bricks.
+    /// What the chunks hold, those of surfaces included, as it is on disk now. Reads no bricks.
     ///
     /// # Errors
     /// When a record is damaged or cannot be read.
     pub fn holdings(&self) -> Result<Holdings> {
+        let mut extents = self.extents()?;
+        let in_texture = Holdings::of(&extents).isovalues;
+        let mut surfaces = Vec::new();
+        for isovalue in self.surfaces()? {
+            let more = self.surface(isovalue)?.map_or_else(|| Ok(Vec::new()), |surface| surface.extents())?;
+            if !more.is_empty() {
+                surfaces.push(isovalue);
+            }
+            extents.extend(more);
+        }
+        Ok(Holdings { in_texture, surfaces, ..Holdings::of(&extents) })
+    }
+
+    /// The records of the chunks that are there.
+    fn extents(&self) -> Result<Vec<ChunkExtent>> {
         let [cx, cy, cz] = self.layout.lattice.chunks();
         let extents = (0..cx * cy * cz).map(|i| self.chunk_extent(grid3::at([cx, cy], i)));
-        let extents: Vec<ChunkExtent> = extents.filter_map(Result::transpose).collect::<Result<_>>()?;
-        Ok(Holdings::of(&extents))
+        extents.filter_map(Result::transpose).collect()
+    }
+
+    /// Whether every chunk of it is there: of a surface, whether all of its vertices are.
+    ///
+    /// # Errors
+    /// When a record is damaged or cannot be read.
+    pub fn is_complete(&self) -> Result<bool> {
+        let all: usize = self.layout.lattice.chunks().iter().product();
+        Ok(self.extents()?.len() == all)
     }
 }

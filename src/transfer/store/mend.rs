@@ -12,7 +12,7 @@ use super::metadata::{
     arrays, check_group, check_version, node_keys, node_name, nodes_of, required_json, root_about, sealed, unsealed,
 };
 use super::zarr::FORMAT;
-use super::{FORMAT_VERSION, Identity, StoreOptions, volume, zarr};
+use super::{FORMAT_VERSION, Identity, StoreOptions, surface, volume, zarr};
 use crate::error::{Error, Result};
 use crate::transfer::Layout;
 use crate::volume::Volume;
@@ -78,6 +78,8 @@ pub(super) fn mend(
             State::Lost(what) => put(&file, expected, what)?,
         }
     }
+    // A damaged surface is made anew when its turn comes, from the volume.
+    nodes.extend(surface::nodes_on_disk(&backing, &node, identity).unwrap_or_default());
     let root = root(&backing, identity, &node, nodes)?;
     match backing.json("zarr.json") {
         Ok(Some(found)) if found == root => {}
@@ -169,7 +171,10 @@ fn root(backing: &Backing, identity: &Identity, node: &str, nodes: Vec<(String, 
 fn nodes_on_disk(backing: &Backing, node: &str) -> Result<Vec<(String, Value)>> {
     let (identity, _) = read_identity(backing, &format!("transfer/{node}/env/zarr.json"))?;
     let keys = node_keys(node, &identity, &identity.layout()?)?;
-    keys.into_iter().map(|key| Ok((key.clone(), required_json(backing, &format!("{key}/zarr.json"))?))).collect()
+    let own = keys.into_iter().map(|key| Ok((key.clone(), required_json(backing, &format!("{key}/zarr.json"))?)));
+    let mut nodes = own.collect::<Result<Vec<_>>>()?;
+    nodes.extend(surface::nodes_on_disk(backing, node, &identity)?);
+    Ok(nodes)
 }
 
 /// Whether the record of some chunk holds the hash of the identity.
@@ -249,5 +254,6 @@ pub(super) fn wrong_nodes(backing: &Backing, node: &str, identity: &Identity, la
             wrong.push(file);
         }
     }
+    wrong.extend(surface::wrong_nodes(backing, node, identity)?);
     Ok(wrong)
 }

@@ -4,7 +4,7 @@ use super::joint::expects;
 use super::{Store, StoreOptions};
 use crate::error::{Error, Result};
 use crate::grid3;
-use crate::transfer::{BRICK_TEXELS, Brick, Layers, validity};
+use crate::transfer::{BRICK_TEXELS, Brick, Group, Layers, validity};
 use std::path::Path;
 
 /// What a merge did.
@@ -107,7 +107,7 @@ impl Store {
         // A store of an older format is taken over chunk by chunk: writing stamps it anew.
         let identity = other.identity.in_current_format();
         identity.check(&self.identity, other.path(), [other.node(), self.node()])?;
-        let is_whole = self.env.ends_with("/env");
+        let is_whole = self.group == Group::Environment;
         for group in self.identity.groups().iter().skip(1).filter(|_| is_whole) {
             // Those first: a chunk counts as there when the environment's is.
             self.group(group)?.take_from(&other.group(group)?)?;
@@ -134,6 +134,14 @@ impl Store {
             }
             report.taken += usize::from(changed);
             report.kept += usize::from(!changed);
+        }
+        for isovalue in other.surfaces()? {
+            let Some(theirs) = other.surface(isovalue)? else { continue };
+            let Some(mesh) = theirs.mesh()? else { continue };
+            let world_from_grid = *self.volume()?.world_from_grid();
+            let more = self.open_or_add_surface(isovalue, &mesh, &world_from_grid)?.take_from(&theirs)?;
+            report.taken += more.taken;
+            report.kept += more.kept;
         }
         Ok(report)
     }

@@ -7,7 +7,7 @@ use super::identity::{FORMAT_VERSION, Identity, OLDEST_FORMAT_VERSION};
 use super::zarr::{self, Array, FORMAT, METADATA_REMEDY};
 use super::{joint, volume};
 use crate::error::{Error, Result};
-use crate::transfer::{BRICK, CHUNK, Layout};
+use crate::transfer::{Layers, Layout};
 use crate::volume::Volume;
 use serde_json::{Value, json};
 
@@ -18,30 +18,33 @@ pub(super) const MOST_CHUNKS: usize = 1 << 22;
 /// root repeats it.
 pub(super) const LONGEST_PROVENANCE: usize = 8 << 20;
 /// Stated in every store for readers without this program.
-const HARMONICS: &str = "real, orthonormal spherical harmonics in world axes without the Condon-Shortley sign: \
+pub(super) const HARMONICS: &str = "real, orthonormal spherical harmonics in world axes without the Condon-Shortley sign: \
     Y_1,-1 = 0.488603 y, Y_1,0 = 0.488603 z, Y_1,1 = 0.488603 x; coefficient i = l(l+1)+m of degree l and order m";
 /// Stated in every store for readers without this program.
-const MEANING: &str = "exitant radiance of the Lambertian level set through a texel under L(w) = sum_i L_i Y_i(w) is \
+pub(super) const MEANING: &str = "exitant radiance of the Lambertian level set through a texel under L(w) = sum_i L_i Y_i(w) is \
     sum_k albedo^(k+1) <T_k, L>; layer k of the last axis of `transfer` starts at layers[k].offset";
 
 /// Stated in stores of scenes.
-const MEANING_OF_CHANNELS: &str = "each layer holds its bands^2 red coefficients, then green, then blue";
+pub(super) const MEANING_OF_CHANNELS: &str = "each layer holds its bands^2 red coefficients, then green, then blue";
 /// Stated in the groups of luminaires.
-const MEANING_OF_GROUPS: &str = "the level set of albedo rho sends out sum_k rho^(k+1) G_k in W m-2 sr-1 on behalf of \
+pub(super) const MEANING_OF_GROUPS: &str = "the level set of albedo rho sends out sum_k rho^(k+1) G_k in W m-2 sr-1 on behalf of \
     this group; the last axis of `transfer` is 3 k + channel (red, green, blue)";
 
 /// The arrays of the transfer group, in the order of [`ARRAYS`].
 pub(super) fn arrays(layout: &Layout) -> [(&'static str, Array); 4] {
-    let [x, y, z] = layout.lattice.texels();
-    let array = |data_type, fill, fourth: Option<(usize, &'static str)>| {
-        let extended = |side: [usize; 3]| side.into_iter().chain(fourth.map(|(n, _)| n)).collect();
+    let lattice = layout.lattice;
+    // Slowest first; vertices have one axis.
+    let axes = |[x, y, z]: [usize; 3]| if lattice.is_of_vertices() { vec![x] } else { vec![z, y, x] };
+    let names = if lattice.is_of_vertices() { vec!["vertex"] } else { vec!["z", "y", "x"] };
+    let array = |data_type, fill, last: Option<(usize, &'static str)>| {
+        let extended = |shape| axes(shape).into_iter().chain(last.map(|(n, _)| n)).collect();
         Array {
-            shape: extended([z, y, x]),
-            chunk: extended([CHUNK; 3]),
-            inner: Some(extended([BRICK; 3])),
+            shape: extended(lattice.texels()),
+            chunk: extended(lattice.chunk_shape()),
+            inner: Some(extended(lattice.brick_shape())),
             data_type,
             fill,
-            names: ["z", "y", "x"].into_iter().chain(fourth.map(|(_, name)| name)).collect(),
+            names: names.iter().copied().chain(last.map(|(_, name)| name)).collect(),
         }
     };
     let arrays = [
@@ -74,6 +77,14 @@ pub(super) fn write_skeleton(
     volume::write(backing, &format!("volumes/{node}/data"), volume, false)
 }
 
+/// What is said of each layer: its bands, and where it starts in transfer and errors.
+pub(super) fn layers_about(layers: &Layers) -> Value {
+    let layer = |k: usize| {
+        json!({ "bands": layers.bands()[k], "offset": layers.offset(k), "stderr_offset": layers.error_offset(k) })
+    };
+    (0..layers.len()).map(layer).collect()
+}
+
 /// What the root says of the volumes in the store.
 pub(super) fn root_about(nodes: &[String]) -> Value {
     let mut about = json!({ "format_version": FORMAT_VERSION, "volume": nodes.first() });
@@ -92,18 +103,11 @@ pub(super) fn nodes_of(
 ) -> Result<Vec<(String, Value)>> {
     let node = node_name(&volume.name);
     let layers = &layout.layers;
-    let layer = |k: usize| {
-        json!({
-            "bands": layers.bands()[k],
-            "offset": layers.offset(k),
-            "stderr_offset": layers.error_offset(k),
-        })
-    };
     let step = std::array::from_fn(|axis| layout.lattice.step(axis));
     let mut attributes = json!({
         "identity": identity,
         "identity_blake3": identity.hash(),
-        "layers": (0..layers.len()).map(layer).collect::<Vec<_>>(),
+        "layers": layers_about(layers),
         "spherical_harmonics": HARMONICS,
         "meaning": MEANING,
         "world_from_texel": volume::rows(volume.world_from_grid(), step),

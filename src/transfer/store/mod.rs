@@ -62,6 +62,7 @@ mod merge;
 mod metadata;
 mod options;
 mod replace;
+mod surface;
 mod verify;
 mod volume;
 mod zarr;
@@ -96,6 +97,7 @@ use metadata::{
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::OnceLock;
+use surface::Mark;
 use zarr::{FORMAT, METADATA_REMEDY};
 
 #[cfg(target_endian = "big")]
@@ -118,6 +120,9 @@ pub struct Store {
     chunks: Vec<OnceLock<Option<Box<OpenChunk>>>>,
     sync: bool,
     mended: Vec<String>,
+    group: Group,
+    /// Of a store of the vertices of an isosurface.
+    surface: Option<Mark>,
 }
 
 impl Store {
@@ -213,6 +218,8 @@ impl Store {
             sync: false,
             identity_hash: identity.hash(),
             mended: Vec::new(),
+            group: Group::Environment,
+            surface: None,
             backing,
             identity,
             layout,
@@ -276,8 +283,11 @@ impl Store {
         }
         let backing = self.backing.again()?;
         let layout = group.layout(&self.layout)?;
-        let folder = self.env.rsplit_once('/').map_or("", |(folder, _)| folder);
-        let env = format!("{folder}/{}", group.node());
+        let env = match (group, &self.surface) {
+            (Group::Environment, _) => self.env.clone(),
+            (_, Some(_)) => format!("{}/{}", self.env, group.node()),
+            (_, None) => format!("{}/{}", self.env.rsplit_once('/').map_or("", |(folder, _)| folder), group.node()),
+        };
         for (name, array) in arrays(&layout) {
             let key = format!("{env}/{name}/zarr.json");
             array.check(&required_json(&backing, &key)?).map_err(|e| e.in_file(backing.name(&key)))?;
@@ -291,6 +301,8 @@ impl Store {
             chunks: std::iter::repeat_with(OnceLock::new).take(self.chunks.len()).collect(),
             data: self.data.clone(),
             sync: self.sync,
+            group: group.clone(),
+            surface: self.surface.clone(),
             layout,
             env,
         })

@@ -2,10 +2,11 @@
 
 use super::chunk::ARRAYS;
 use super::chunk::examine::ChunkState;
+use super::surface::SURFACES;
 use super::{ChunkExtent, Store};
 use crate::error::{Error, Result};
 use crate::grid3;
-use crate::transfer::Selection;
+use crate::transfer::{Group, Selection};
 use rayon::prelude::*;
 use serde_json::Value;
 use std::fs;
@@ -59,7 +60,7 @@ impl Store {
 
     /// The groups beside the environment, of a store that is not one of them.
     pub(super) fn other_groups(&self) -> Result<Vec<Self>> {
-        let is_whole = self.env.ends_with("/env");
+        let is_whole = self.group == Group::Environment;
         self.identity.groups().iter().skip(1).filter(|_| is_whole).map(|group| self.group(group)).collect()
     }
 
@@ -121,7 +122,7 @@ impl Store {
     /// # Errors
     /// When the store is an archive.
     pub fn awaited(&self) -> Result<Vec<[usize; 3]>> {
-        let entries = fs::read_dir(self.directory()?.path().join(SET_ASIDE).join(self.node()));
+        let entries = fs::read_dir(self.set_aside_root()?);
         let names = entries.into_iter().flatten().flatten().map(|entry| entry.file_name());
         let index = |name: &str| {
             let mut numbers = name.splitn(3, '.').map(|part| part.parse().ok());
@@ -144,14 +145,24 @@ impl Store {
             _ => {}
         }
         // The folders above go with their last chunk.
-        for folder in place.ancestors().skip(1).take(2) {
+        let levels = if self.surface.is_some() { 3 } else { 2 };
+        for folder in place.ancestors().skip(1).take(levels) {
             let _ = fs::remove_dir(folder);
         }
         Ok(())
     }
 
+    /// The folder of what was set aside of its volume, or of its surface.
+    fn set_aside_root(&self) -> Result<PathBuf> {
+        let place = match &self.surface {
+            Some(_) => PathBuf::from(self.env.replacen(SURFACES, SET_ASIDE, 1)),
+            None => PathBuf::from(SET_ASIDE).join(self.node()),
+        };
+        Ok(self.directory()?.path().join(place))
+    }
+
     fn set_aside_folder(&self, [x, y, z]: [usize; 3]) -> Result<PathBuf> {
-        Ok(self.directory()?.path().join(SET_ASIDE).join(self.node()).join(format!("{z}.{y}.{x}")))
+        Ok(self.set_aside_root()?.join(format!("{z}.{y}.{x}")))
     }
 
     /// Notes what is asked of the store, beside what was asked before: a damaged chunk then comes back with every

@@ -93,6 +93,11 @@ pub(super) fn metadata(volume: &Volume) -> Value {
     array(volume.dims(), volume.samples().type_name()).metadata(attributes)
 }
 
+/// The file of a chunk by its index along x, y, z.
+fn chunk_key(array: &str, [x, y, z]: [usize; 3]) -> String {
+    zarr::chunk_key(array, &[z, y, x])
+}
+
 /// Calls `each` with the index and the box (start, size) of every chunk.
 fn for_each_chunk(
     dims: [usize; 3],
@@ -134,7 +139,7 @@ fn for_each_row(
 /// When the system refuses to write.
 pub(super) fn write(backing: &Backing, key: &str, volume: &Volume, sync: bool) -> Result<()> {
     for_each_chunk(volume.dims(), |index, start, size| {
-        backing.put(&zarr::chunk_key(key, index, false), sync, &chunk_bytes(volume, start, size))
+        backing.put(&chunk_key(key, index), sync, &chunk_bytes(volume, start, size))
     })
 }
 
@@ -156,7 +161,7 @@ fn chunk_bytes(volume: &Volume, start: [usize; 3], size: [usize; 3]) -> Vec<u8> 
 pub(super) fn mend(backing: &Backing, key: &str, volume: &Volume, sync: bool) -> Result<u64> {
     let mut mended = 0;
     for_each_chunk(volume.dims(), |index, start, size| {
-        let (file, expected) = (zarr::chunk_key(key, index, false), chunk_bytes(volume, start, size));
+        let (file, expected) = (chunk_key(key, index), chunk_bytes(volume, start, size));
         if backing.bytes(&file)?.is_none_or(|found| *found != *expected) {
             backing.put(&file, sync, &expected)?;
             mended += 1;
@@ -176,7 +181,7 @@ fn samples<T: Pod + Send>(backing: &Backing, key: &str, dims: [usize; 3]) -> Res
     // All files are there with their lengths before memory is asked for: a header that claims
     // more than the disk holds fails here.
     for_each_chunk(dims, |index, _, _| {
-        let chunk = zarr::chunk_key(key, index, false);
+        let chunk = chunk_key(key, index);
         match backing.length(&chunk) {
             Some(length) if length == expected as u64 => Ok(()),
             Some(length) => Err(damaged(&chunk, format!("{length} bytes"), format!("{expected} bytes"))),
@@ -190,7 +195,7 @@ fn samples<T: Pod + Send>(backing: &Backing, key: &str, dims: [usize; 3]) -> Res
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(samples);
         let depth = bytes.len() / (dims[0] * dims[1] * width);
         for_each_chunk([dims[0], dims[1], depth], |[x, y, _], start, size| {
-            let name = zarr::chunk_key(key, [x, y, slab], false);
+            let name = chunk_key(key, [x, y, slab]);
             let file = backing.bytes(&name)?.filter(|file| file.len() == expected);
             let Some(file) = file else {
                 return Err(damaged(&name, "a file that changed".into(), format!("{expected} bytes")));

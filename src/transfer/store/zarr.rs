@@ -9,7 +9,7 @@
 //! ```text
 //! inner chunks that exist, x fastest, without gaps: bytes, then their CRC-32C (4 bytes)
 //! stamp (16 bytes, named by no index entry: the specification allows such space)
-//! index: for each of the 4³ inner chunks, x fastest, offset and length as u64;
+//! index: for each inner chunk (4³ of texels, 8 of vertices), x fastest, offset and length as u64;
 //!        both 2⁶⁴−1 for a chunk that does not exist
 //! CRC-32C of the index (4 bytes)
 //! ```
@@ -21,20 +21,21 @@ use crate::error::{Error, Result};
 use serde_json::{Map, Value, json};
 use std::io::{self, Write};
 
-/// Inner chunks along the side of a shard.
-pub(super) const SIDE: usize = super::super::CHUNK / super::super::BRICK;
-/// Inner chunks in a shard.
-pub(super) const SLOTS: usize = SIDE * SIDE * SIDE;
+/// Most inner chunks of a shard: the bits of a [`Presence`].
+pub(super) const MOST_SLOTS: usize = 64;
 /// Bytes of a checksum.
 pub(super) const CHECKSUM: usize = 4;
 /// Bytes of a stamp.
 pub(super) const STAMP: usize = 16;
-/// Bytes that follow the inner chunks in a shard: stamp, index, checksum of the index.
-pub(super) const TAIL: usize = STAMP + SLOTS * 16 + CHECKSUM;
+/// Bytes that follow the inner chunks in a shard of so many: stamp, index, checksum of the index.
+pub(super) const fn tail_length(slots: usize) -> usize {
+    STAMP + slots * 16 + CHECKSUM
+}
+
 /// Offset and length of an inner chunk that does not exist.
 const MISSING: u64 = u64::MAX;
 
-/// Which of the [`SLOTS`] inner chunks exist, one bit each.
+/// Which of the at most [`MOST_SLOTS`] inner chunks exist, one bit each.
 pub(super) type Presence = u64;
 
 /// The name that error messages give the format.
@@ -131,10 +132,9 @@ pub(super) fn consolidate(root: &mut Value, nodes: &[(String, Value)]) {
     root["consolidated_metadata"] = json!({ "kind": "inline", "must_understand": false, "metadata": metadata });
 }
 
-/// Key of a chunk of an array with axes z, y, x and, if `coefficients`, a fourth that is not cut.
-pub(super) fn chunk_key(array: &str, index: [usize; 3], coefficients: bool) -> String {
-    let [x, y, z] = index;
-    if coefficients { format!("{array}/c/{z}/{y}/{x}/0") } else { format!("{array}/c/{z}/{y}/{x}") }
+/// Key of a chunk of an array by its numbers along the axes, slowest first.
+pub(super) fn chunk_key(array: &str, indices: &[usize]) -> String {
+    indices.iter().fold(format!("{array}/c"), |key, index| format!("{key}/{index}"))
 }
 
 /// CRC-32C of some bytes.
@@ -143,17 +143,18 @@ pub(super) fn checksum(bytes: &[u8]) -> u32 {
     crc_fast::checksum(crc_fast::CrcAlgorithm::Crc32Iscsi, bytes) as u32
 }
 
-/// Length of a shard file with `count` inner chunks of `bytes` bytes each, checksum not counted.
-pub(super) fn shard_length(count: usize, bytes: usize) -> usize {
-    count * (bytes + CHECKSUM) + TAIL
+/// Length of a shard file of `slots` inner chunks, of which `count` exist with `bytes` bytes each, checksum not counted.
+pub(super) fn shard_length(slots: usize, count: usize, bytes: usize) -> usize {
+    count * (bytes + CHECKSUM) + tail_length(slots)
 }
 
 /// Writes a shard. All chunks have the same length, a multiple of 4; `None` does not exist.
 pub(super) fn write_shard(
     out: &mut dyn Write,
-    chunks: &[Option<(&[u8], u32)>; SLOTS],
+    chunks: &[Option<(&[u8], u32)>],
     stamp: &[u8; STAMP],
 ) -> io::Result<()> {
+    debug_assert!(chunks.len() <= MOST_SLOTS);
     let length = chunks.iter().flatten().map(|(bytes, _)| bytes.len()).next().unwrap_or(0);
     for (bytes, sum) in chunks.iter().flatten() {
         debug_assert!(bytes.len() == length && length.is_multiple_of(4));
@@ -164,7 +165,7 @@ pub(super) fn write_shard(
     for (slot, chunk) in chunks.iter().enumerate() {
         present |= Presence::from(chunk.is_some()) << slot;
     }
-    let index = index_bytes(present, length);
+    let index = index_bytes(chunks.len(), present, length);
     out.write_all(stamp)?;
     out.write_all(&index)?;
     out.write_all(&checksum(&index).to_le_bytes())
@@ -176,10 +177,10 @@ pub(super) fn rank(present: Presence, slot: usize) -> usize {
 }
 
 /// The bytes of the index of a packed shard.
-fn index_bytes(present: Presence, length: usize) -> Vec<u8> {
+fn index_bytes(slots: usize, present: Presence, length: usize) -> Vec<u8> {
     let stride = (length + CHECKSUM) as u64;
-    let mut index = Vec::with_capacity(SLOTS * 16);
-    for slot in 0..SLOTS {
+    let mut index = Vec::with_capacity(slots * 16);
+    for slot in 0..slots {
         let entry = match present >> slot & 1 {
             0 => [MISSING; 2],
             _ => [rank(present, slot) as u64 * stride, stride],
@@ -198,17 +199,22 @@ pub(super) struct ShardTail {
     pub stamp: [u8; STAMP],
 }
 
-/// Reads and checks the tail of a shard whose inner chunks have `bytes` bytes each.
+/// Reads and checks the tail of a shard of `slots` inner chunks of `bytes` bytes each.
 ///
 /// # Errors
 /// `(found, expected)` when the file is too short or too long, the index does not match its
 /// checksum, or the packing is not ours.
-pub(super) fn read_tail(shard: &[u8], bytes: usize) -> std::result::Result<ShardTail, (String, String)> {
-    let Some(start) = shard.len().checked_sub(TAIL) else {
-        return Err((format!("{} bytes", shard.len()), format!("at least the {TAIL} bytes of a shard's index")));
+pub(super) fn read_tail(
+    shard: &[u8],
+    slots: usize,
+    bytes: usize,
+) -> std::result::Result<ShardTail, (String, String)> {
+    let tail = tail_length(slots);
+    let Some(start) = shard.len().checked_sub(tail) else {
+        return Err((format!("{} bytes", shard.len()), format!("at least the {tail} bytes of a shard's index")));
     };
     let (stamp, rest) = shard[start..].split_at(STAMP);
-    let (index, stored) = rest.split_at(SLOTS * 16);
+    let (index, stored) = rest.split_at(slots * 16);
     let (found, expected) = (checksum(index), little_u32(stored));
     if found != expected {
         return Err((format!("index with crc32c {found:08x}"), format!("crc32c {expected:08x}")));
@@ -217,10 +223,10 @@ pub(super) fn read_tail(shard: &[u8], bytes: usize) -> std::result::Result<Shard
     for (slot, entry) in index.chunks_exact(16).enumerate() {
         present |= Presence::from(entry != [0xff; 16]) << slot;
     }
-    if index != index_bytes(present, bytes) {
+    if index != index_bytes(slots, present, bytes) {
         return Err(("an index with other places or lengths".into(), format!("packed chunks of {bytes} bytes")));
     }
-    let expected = shard_length(present.count_ones() as usize, bytes);
+    let expected = shard_length(slots, present.count_ones() as usize, bytes);
     if shard.len() != expected {
         return Err((format!("{} bytes", shard.len()), format!("{expected} bytes")));
     }

@@ -40,7 +40,7 @@ pub use bias::Bias;
 pub use cache::{CachePrecision, Lookups};
 
 use super::bake::{Bake, Present, Progress, Sink, fill_alone};
-use super::chunks::{BRICKS, most_in_work};
+use super::chunks::most_in_work;
 use super::path::{Scratch, Settings, TexelEstimate, estimate as estimate_path};
 use super::summary::Summary;
 use crate::error::{Error, Result};
@@ -144,7 +144,8 @@ pub fn gather_memory(bake: &Bake<'_>, settings: &GatherSettings) -> u64 {
         cached_layers(layers).map_or(0, |cached| cache::bytes(lattice, &cached, bricks, settings.precision, copies));
     // The chunks in work, as they were and as they become.
     let texel = 2 * layers.coefficients() as u64 + 2 * layers.errors() as u64 + 5;
-    let in_work = bricks.min((most_in_work() * BRICKS) as u64) * BRICK_TEXELS as u64;
+    let of_chunk: usize = lattice.bricks_of_chunk().iter().product();
+    let in_work = bricks.min((most_in_work() * of_chunk) as u64) * BRICK_TEXELS as u64;
     cache + 2 * in_work * texel
 }
 

@@ -129,6 +129,10 @@ impl<T: Sample> Estimator for Among<'_, T> {
         self.world.field.site(position_in_grid)
     }
 
+    fn site_on(&self, position_in_grid: [f32; 3], normal: [f32; 3], isovalue: f32) -> Option<Site> {
+        self.world.field.site_on(position_in_grid, normal, isovalue)
+    }
+
     fn estimate(
         &self,
         site: &Site,

@@ -1,10 +1,9 @@
 //! Looking at every byte of a chunk, where reading stops at the first that is wrong.
 
 use super::super::Store;
-use super::{Found, SLOTS};
+use super::Found;
 use crate::error::{Error, Result};
-use crate::grid3;
-use crate::transfer::{BRICK, BRICK_TEXELS, BrickView, Selection, validity};
+use crate::transfer::{BRICK_TEXELS, BrickView, Selection, validity};
 use std::path::PathBuf;
 
 /// What stands at the place of a chunk.
@@ -51,10 +50,9 @@ impl Texels {
         self.bricks += 1;
         let coefficients = view.transfer.len() / BRICK_TEXELS;
         for (t, (&flags, transfer)) in view.validity.iter().zip(view.transfer.chunks_exact(coefficients)).enumerate() {
-            let inner = grid3::at([BRICK, BRICK], t);
             let valid = flags & validity::VALID != 0;
             self.not_finite += u64::from(valid && transfer.iter().any(|v| !v.is_finite()));
-            if selection.contains(std::array::from_fn(|a| brick[a] * BRICK + inner[a])) {
+            if selection.contains(selection.lattice().texel_in_brick(brick, t)) {
                 self.selected += 1;
                 self.invalid += u64::from(!valid);
                 self.clamped += u64::from(flags & validity::CLAMPED != 0);
@@ -79,9 +77,8 @@ impl Store {
         };
         let count = self.layout.lattice.bricks();
         let (mut texels, mut damage) = (Texels::default(), Vec::new());
-        for slot in 0..SLOTS {
-            let inside = [slot % super::SIDE, slot / super::SIDE % super::SIDE, slot / (super::SIDE * super::SIDE)];
-            let brick: [usize; 3] = std::array::from_fn(|a| index[a] * super::SIDE + inside[a]);
+        for slot in 0..self.slots() {
+            let brick = self.layout.lattice.brick_in_chunk(index, slot);
             if (0..3).any(|a| brick[a] >= count[a]) {
                 continue;
             }

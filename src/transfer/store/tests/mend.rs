@@ -1,7 +1,7 @@
 //! Stores of other formats, moved ones, and those whose metadata was lost.
 
 use super::super::metadata::{nodes_of, sealed};
-use super::super::zarr::{STAMP, TAIL};
+use super::super::zarr::{MOST_SLOTS, STAMP, tail_length};
 use super::*;
 
 /// Rewrites a store as the versions 1 and 2 wrote it: records in a folder of their own that do not name their store, and
@@ -31,7 +31,7 @@ fn as_format(path: &Path, version: u32) {
             let tail = if array == "transfer" || array == "stderr" { "/0" } else { "" };
             let file = env.join(format!("{array}/c/{place}{tail}"));
             let mut bytes = fs::read(&file).unwrap();
-            let start = bytes.len() - TAIL;
+            let start = bytes.len() - tail_length(MOST_SLOTS);
             bytes[start..start + STAMP].copy_from_slice(&hash.as_bytes()[..STAMP]);
             fs::write(&file, bytes).unwrap();
         }

@@ -6,7 +6,7 @@ mod paths;
 
 use super::super::texture::MemoryTexture;
 use super::super::{BRICK_TEXELS, Brick, BrickSource, Lattice, Layers};
-use super::zarr::{SIDE, SLOTS};
+use super::zarr::MOST_SLOTS as SLOTS;
 use super::*;
 use crate::geom::{Affine, Up};
 use crate::grid3;
@@ -83,6 +83,9 @@ fn brick(seed: u64) -> Brick {
     brick.rays.iter_mut().for_each(|v| *v = numbers.next() as u32);
     brick
 }
+
+/// Bricks along the side of a chunk.
+const SIDE: usize = 4;
 
 /// Some bricks of a chunk, none beyond the lattice.
 fn bricks(index: [usize; 3], seed: u64) -> Vec<Option<Brick>> {
