@@ -256,5 +256,29 @@ impl Up {
     }
 }
 
+/// The octahedral map of a direction onto the square [−1, 1]² (Meyer et al. 2010, "On floating-point normal vectors").
+pub(crate) fn octahedral_from_direction(v: Vec3) -> [f32; 2] {
+    let flat = v / (v.x.abs() + v.y.abs() + v.z.abs());
+    match v.z < 0.0 {
+        true => [(1.0 - flat.y.abs()) * one_with_sign(flat.x), (1.0 - flat.x.abs()) * one_with_sign(flat.y)],
+        false => [flat.x, flat.y],
+    }
+}
+
+/// The inverse of [`octahedral_from_direction`], of unit length.
+pub(crate) fn direction_from_octahedral([x, y]: [f32; 2]) -> Vec3 {
+    let z = 1.0 - x.abs() - y.abs();
+    let folded = match z < 0.0 {
+        true => Vec3::new((1.0 - y.abs()) * one_with_sign(x), (1.0 - x.abs()) * one_with_sign(y), z),
+        false => Vec3::new(x, y, z),
+    };
+    folded.normalize()
+}
+
+/// +1 for 0, unlike a sign that has three values.
+fn one_with_sign(t: f32) -> f32 {
+    if t < 0.0 { -1.0 } else { 1.0 }
+}
+
 #[cfg(test)]
 mod tests;

@@ -6,6 +6,7 @@
 //! clock, for a wish to stop, and out for notes and progress.
 
 mod builder;
+mod checks;
 mod goal;
 mod memory;
 mod observer;

@@ -223,9 +223,14 @@ impl<'a> Request<'a> {
 
     /// What the estimators read, of some texels.
     pub fn bake<'b>(&'b self, pyramid: &'b Pyramid, settings: &'b Settings, selection: &'b Selection) -> Bake<'b> {
-        let caustics = self.effects.switched("caustics") != Some(false);
+        let caustics = self.has_caustics();
         let bake = Bake::new(self.volume, pyramid, &self.layout, settings, selection).among(self.geometry);
         Bake { caustics, points: self.points, ..bake }
+    }
+
+    /// Whether light of luminaires counts that comes by way of mirrors and glass.
+    pub(super) fn has_caustics(&self) -> bool {
+        self.effects.switched("caustics") != Some(false)
     }
 
     /// The isovalues of the surfaces that are baked, ascending; none where it is the texture.
@@ -288,7 +293,7 @@ impl<'a> Request<'a> {
                 Some(surface) => {
                     let count = surface.layout().lattice.texels()[0];
                     let places = vec![[0.0; 3]; count];
-                    let points = SurfacePoints { isovalue: c, positions_in_grid: places, normals: Vec::new() };
+                    let points = SurfacePoints { isovalue: c, positions_in_grid: places, ..SurfacePoints::default() };
                     missing_in(&self.of_surface(&points, 1.0), &surface)?
                 }
             };

@@ -2,7 +2,7 @@
 
 use super::observer::{Observer, Task};
 use super::pending::{Part, Pending, texels_in};
-use super::repair;
+use super::{checks, repair};
 use super::report::{GoalRecord, PhotonReport, Report};
 use super::request::{Estimator, Request};
 use crate::error::{Error, Result};
@@ -55,7 +55,10 @@ pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observe
         report.prepare_seconds = observer.seconds();
         report.goal = GoalRecord::of(&job.goal);
         match job.surfaces() {
-            None => fill(job, &pyramid, &store, observer, &mut report)?,
+            None => {
+                fill(job, &pyramid, &store, observer, &mut report)?;
+                check_texture(job, &pyramid, &store)?;
+            }
             Some(isovalues) => fill_surfaces(job, &pyramid, &store, &isovalues, observer, &mut report)?,
         }
     }
@@ -76,18 +79,60 @@ fn fill_surfaces(
     for &isovalue in isovalues {
         let mesh = isosurface(job.volume, pyramid, isovalue)?;
         let surface = store.open_or_add_surface(isovalue, &mesh, job.volume.world_from_grid())?;
-        let Mesh { positions_in_grid, normals, .. } = mesh;
-        surfaces.push((surface, SurfacePoints { isovalue, positions_in_grid, normals }));
+        let Mesh { positions_in_grid, normals, triangles } = mesh;
+        surfaces.push((surface, SurfacePoints { isovalue, positions_in_grid, normals, own: Vec::new() }, triangles));
     }
-    let mut left: usize = surfaces.iter().map(|(_, points)| points.positions_in_grid.len()).sum();
-    for (surface, points) in &surfaces {
+    let mut left: usize = surfaces.iter().map(|(_, points, _)| points.positions_in_grid.len()).sum();
+    for (surface, points, triangles) in surfaces {
         let count = points.positions_in_grid.len();
         let share = count as f64 / left.max(1) as f64;
         left -= count;
-        fill(&job.of_surface(points, share), pyramid, surface, observer, report)?;
+        fill(&job.of_surface(&points, share), pyramid, &surface, observer, report)?;
+        let SurfacePoints { isovalue, positions_in_grid, normals, .. } = points;
+        let mesh = Mesh { positions_in_grid, normals, triangles };
+        add_checks(job, pyramid, &surface, Some(isovalue), &|| Ok(mesh.clone()))?;
     }
     Ok(())
 }
+
+/// Draws the check points of a texture, of each isovalue asked for or of all.
+fn check_texture(job: &Request<'_>, pyramid: &Pyramid, store: &Store) -> Result<()> {
+    let Some(isovalues) = &job.isovalues else {
+        return add_checks(job, pyramid, store, None, &|| Ok(Mesh::default()));
+    };
+    for &isovalue in isovalues {
+        add_checks(job, pyramid, store, Some(isovalue), &|| isosurface(job.volume, pyramid, isovalue))?;
+    }
+    Ok(())
+}
+
+/// Draws check points where there are none that can be read; of a share of a bake the first draws them, and none is drawn for
+/// a draft or for estimators other than by paths.
+fn add_checks(
+    job: &Request<'_>,
+    pyramid: &Pyramid,
+    store: &Store,
+    isovalue: Option<f64>,
+    mesh: &dyn Fn() -> Result<Mesh>,
+) -> Result<()> {
+    let is_other = job.share.is_some_and(|share| share.index != 1) || job.estimator != Estimator::Path;
+    if is_other || job.settings.rays < FEWEST_CHECKED || matches!(store.checks(isovalue), Ok(Some(_))) {
+        return Ok(());
+    }
+    let seed = job.settings.seed;
+    let points = match isovalue {
+        None => checks::draw_everywhere(job.volume, pyramid, seed),
+        Some(isovalue) => {
+            let mesh = mesh()?;
+            let count = checks::count_of(mesh.positions_in_grid.len());
+            checks::draw_on((job.volume, pyramid), &mesh, isovalue, count, seed)
+        }
+    };
+    store.write_checks(isovalue, &job.checks_at(pyramid, &points)?)
+}
+
+/// Rays from which on a bake is no draft.
+const FEWEST_CHECKED: u32 = 32;
 
 /// Bakes what a texture, or the vertices of a surface, lack.
 fn fill(

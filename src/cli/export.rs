@@ -1,7 +1,7 @@
 //! `isolume export`: the relit texture as a volume for other programs.
 
 use super::console::Console;
-use super::info::check_store;
+use super::info::{check_store, check_texture};
 use super::inputs::Inputs;
 use super::light::{LightArgs, MaterialArgs, by_option, open_probe, sentence};
 use super::output::check_file;
@@ -66,6 +66,7 @@ impl Export {
         };
         let volume = store.volume()?;
         Completeness::of(&store, &volume)?.check(&store, self.partial)?;
+        check_texture(&store, &store.holdings()?, "an export of the volume")?;
         if let (None, [first, .., _]) = (&self.volume, store.volumes()?.as_slice()) {
             console.note(format!("{first}, the first volume of the store: --volume NAME takes another"));
         }

@@ -242,6 +242,21 @@ pub(super) fn check_store(argument: &str) -> Result<()> {
     Err(Error::argument("input", argument, expected, remedy))
 }
 
+/// Refuses, for what needs a texture, a store that has transfer at the vertices of surfaces alone.
+pub(super) fn check_texture(store: &Store, held: &Holdings, what: &str) -> Result<()> {
+    if held.all || !held.in_texture.is_empty() || held.surfaces.is_empty() {
+        return Ok(());
+    }
+    let list = held.surfaces.iter().map(|c| text::number(*c, 8)).collect::<Vec<_>>().join(", ");
+    let found = format!("{}, with transfer at the vertices of isovalue {list} alone", store.path().display());
+    let input = store.provenance()["input"].as_str().unwrap_or("VOLUME");
+    let remedy = format!(
+        "bake a texture into it: isolume bake {input} --texture 1 -o {} (with the options of the first bake)",
+        store.path().display()
+    );
+    Err(Error::argument("store", found, format!("a store with a texture, which {what} needs"), remedy))
+}
+
 /// The isovalues of a store as text.
 pub(super) fn isovalues_text(held: &Holdings) -> String {
     let list = held.isovalues.iter().map(|c| text::number(*c, 8)).collect::<Vec<_>>().join(", ");
@@ -249,6 +264,7 @@ pub(super) fn isovalues_text(held: &Holdings) -> String {
         (true, true) => "all".into(),
         (true, false) => format!("all, and more of {list}"),
         (false, true) => "none".into(),
+        (false, false) if held.surfaces.len() == held.isovalues.len() => format!("{list}, at the vertices of their surfaces"),
         (false, false) => list,
     }
 }
@@ -257,7 +273,7 @@ pub(super) fn isovalues_text(held: &Holdings) -> String {
 pub(super) fn quality_text(held: &Holdings) -> String {
     let [least, most] = held.rays;
     let rays = if least == most { most.to_string() } else { format!("{least} to {most}") };
-    let mut parts = vec![format!("{rays} rays a texel")];
+    let mut parts = vec![format!("{rays} rays a {}", if held.in_texture.is_empty() && !held.all { "vertex" } else { "texel" })];
     for (of, [low, high]) in &held.targets {
         let errors = if low == high { format!("{low}") } else { format!("{low} to {high}") };
         parts.push(format!("or a standard error of {errors} ({of})"));
@@ -291,7 +307,13 @@ fn store(argument: &str, console: &Console) -> Outcome {
         ));
     }
     rows.push(row("isovalues", isovalues_text(&held)));
-    let all: usize = store.layout().lattice.chunks().iter().product();
+    for &isovalue in &held.surfaces {
+        let Some(surface) = store.surface(isovalue)? else { continue };
+        let vertices = surface.layout().lattice.texels()[0];
+        rows.push(row("surface", format!("isovalue {}: {} vertices", text::number(isovalue, 8), text::count(vertices as u64))));
+    }
+    let of_surfaces = held.surfaces.iter().map(|&c| Ok(store.surface(c)?.map_or(0, |s| s.layout().lattice.chunks()[0])));
+    let all = store.layout().lattice.chunks().iter().product::<usize>() + of_surfaces.sum::<Result<usize>>()?;
     let complete = Completeness::of(&store, &volume)?;
     let state = match complete.there == complete.needed {
         true => format!("{} of {all} chunks, all that were asked for", held.chunks),
@@ -303,7 +325,7 @@ fn store(argument: &str, console: &Console) -> Outcome {
     let isovalues = if held.all { json!("all") } else { json!(held.isovalues) };
     console.print_json(&json!({
         "store": file_name(argument), "volumes": volumes, "identity": identity, "provenance": store.provenance(),
-        "isovalues": isovalues, "chunks": held.chunks, "chunks_of_lattice": all, "chunks_asked": complete.needed, "chunks_complete": complete.there, "rays": held.rays,
+        "isovalues": isovalues, "surfaces": held.surfaces, "chunks": held.chunks, "chunks_of_lattice": all, "chunks_asked": complete.needed, "chunks_complete": complete.there, "rays": held.rays,
         "error_targets": held.targets, "bytes": bytes,
     }));
     Ok(())

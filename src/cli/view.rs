@@ -3,12 +3,12 @@
 use super::cache::members::MemberBakes;
 use super::cache::{Cache, Filled, InUse};
 use super::console::Console;
-use super::info::{self, check_store};
+use super::info::{self, check_store, check_texture};
 use super::input::VolumeArgs;
 use super::inputs::Inputs;
 use super::isovalue::{Isovalue, NamedIsovalue};
 use super::light::open_probe;
-use super::options::TransferArgs;
+use super::options::{Texture, TransferArgs};
 use super::output::check_file;
 use super::{Failure, Outcome, scene, text};
 use crate::error::Error;
@@ -132,7 +132,10 @@ impl View {
         let cache = Cache::locate(self.cache.as_deref())?;
         cache.prepare()?;
         let start = Instant::now();
-        let mut bakes = MemberBakes::new(&cache, &self.transfer, self.scene.as_ref(), seed, start, console);
+        // The page looks up a texture, whichever isovalues are listed.
+        let texture = self.transfer.texture.or(Some(Texture::Ratio(1.0)));
+        let transfer = TransferArgs { texture, ..self.transfer.clone() };
+        let mut bakes = MemberBakes::new(&cache, &transfer, self.scene.as_ref(), seed, start, console);
         let mut last = None;
         for member in scene.members_mut() {
             let chosen = bakes.choose(member, &isovalues)?;
@@ -222,7 +225,8 @@ impl View {
         let volume = store.volume()?;
         Completeness::of(store, &volume)?.check(store, self.partial)?;
         let held = store.holdings()?;
-        let isovalue = match held.isovalues.first() {
+        check_texture(store, &held, "the page")?;
+        let isovalue = match held.in_texture.first() {
             Some(&first) if !held.all && self.isovalue == Isovalue::Auto => first,
             _ => self.isovalue.resolve(&volume, Some(volume.solid), None)?.value,
         };
@@ -259,7 +263,7 @@ impl View {
             volume: &volume,
             textures: &groups.textures()?,
             surrounded: surroundings.map(|identity| Surrounded { identity, rotation: rotation.unwrap_or(0.0) }),
-            isovalues: (!held.all).then(|| held.isovalues.clone()),
+            isovalues: (!held.all).then(|| held.in_texture.clone()),
             about: about.into_iter().map(|(name, text)| (name.to_string(), text)).collect(),
             probes: &probes,
             isovalue,

@@ -148,6 +148,26 @@ impl LatLong {
         self.pixels[y * self.width + x]
     }
 
+    /// The same light with at most `width` pixels across: means over blocks of pixels, by solid angle.
+    #[must_use]
+    pub fn reduced(&self, width: usize) -> Self {
+        let side = self.width.div_ceil(width.max(1));
+        let (columns, rows) = (self.width.div_ceil(side), self.height.div_ceil(side));
+        let mut pixels = Vec::with_capacity(columns * rows);
+        for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+            let (mut sum, mut weights) = ([0.0f64; 3], 0.0);
+            for y in row * side..((row + 1) * side).min(self.height) {
+                let weight = self.pixel_solid_angle(y);
+                for pixel in &self.row(y)[column * side..((column + 1) * side).min(self.width)] {
+                    (0..3).for_each(|c| sum[c] += weight * f64::from(pixel[c]));
+                    weights += weight;
+                }
+            }
+            pixels.push(sum.map(|v| (v / weights) as f32));
+        }
+        Self { width: columns, height: rows, pixels }
+    }
+
     /// Latitudes of the upper and lower edge of a row, in radians.
     pub fn row_latitudes(&self, y: usize) -> [f64; 2] {
         let edge = |k: usize| PI * (0.5 - k as f64 / self.height as f64);

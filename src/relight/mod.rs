@@ -18,6 +18,7 @@ mod light;
 mod lookup;
 mod noise;
 mod tail;
+mod total;
 mod vertices;
 mod window;
 
@@ -33,6 +34,7 @@ pub use interpolate::{VertexTransfer, look_up_transfer, transfer_at_vertices};
 pub use light::Light;
 pub use lookup::{LookupReport, SurfaceError, VertexRadiance};
 pub use tail::Tail;
+pub use total::{ErrorTerm, Lookups, Scene, Seen, TotalError, total_error};
 pub use vertices::{TriangleIndex, TriangleOrder};
 pub use window::{LayerWindow, Prepared, prepare};
 

@@ -65,6 +65,8 @@ pub struct Lighting<'p> {
     pub(super) options: LightOptions,
     pub(super) light: Light,
     pub(super) suns: Vec<SunLight>,
+    // The environment without these.
+    pub(super) rest: Option<Probe>,
     pub(super) notes: Vec<LightNote>,
 }
 
@@ -95,6 +97,7 @@ impl<'p> Lighting<'p> {
         let whole = probe.coefficients_in_world(bands, orientation);
         let mut notes = Vec::new();
         let mut suns = Vec::new();
+        let mut rest = None;
         let mut direct = whole.clone();
         if options.split_sun {
             let split = split_sun(probe, &SunOptions { bands, ..SunOptions::default() });
@@ -102,6 +105,7 @@ impl<'p> Lighting<'p> {
                 notes.push(LightNote::NoSun(split.stopped));
             } else {
                 direct = split.rest.coefficients_in_world(bands, orientation);
+                rest = Some(split.rest);
             }
             for s in &split.suns {
                 notes.push(LightNote::Sun { share: s.flux_share, angular_radius: s.sun.angular_radius });
@@ -112,7 +116,7 @@ impl<'p> Lighting<'p> {
         if options.window != Window::None {
             notes.push(LightNote::Window(prepared.least_kept().kept));
         }
-        Ok(Self { probe, options: options.clone(), light: prepared.light, suns, notes })
+        Ok(Self { probe, options: options.clone(), light: prepared.light, suns, rest, notes })
     }
 
     /// Its probe.

@@ -2,7 +2,7 @@
 
 use super::{LightNote, Lighting, LuminaireFactor, Surface};
 use crate::error::{Error, Result};
-use crate::relight::{ClampReport, Contracted, Exposure, LookupReport, Material, SurfaceError};
+use crate::relight::{ClampReport, Contracted, Exposure, LookupReport, Material, SurfaceError, TotalError};
 use crate::render::sun_visibility;
 use crate::transfer::store::{Holdings, Store};
 
@@ -74,7 +74,8 @@ impl<'t> LitTexels<'t> {
         let negative = || radiance.iter().filter(|v| v.iter().any(|&x| x < 0.0)).count() as u64;
         let (error, (rms_over_mean, negative)) =
             rayon::join(|| SurfaceError::new(&radiance, &errors), || (rms_over_mean(&radiance, &errors), negative()));
-        Ok(Lit { texels: self, radiance, errors, report, exposure, error, rms_over_mean, negative, sun_rays })
+        let total = None;
+        Ok(Lit { texels: self, radiance, errors, report, exposure, error, rms_over_mean, negative, sun_rays, total })
     }
 }
 
@@ -121,6 +122,7 @@ pub struct Lit<'t> {
     rms_over_mean: f64,
     negative: u64,
     sun_rays: u64,
+    pub(super) total: Option<TotalError>,
 }
 
 impl<'t> Lit<'t> {
@@ -162,6 +164,11 @@ impl<'t> Lit<'t> {
     /// Root mean square of the standard errors over the mean radiance; 0 for a black surface.
     pub fn rms_over_mean(&self) -> f64 {
         self.rms_over_mean
+    }
+
+    /// How far the colours are from exact light transport on the surface, if [`Self::with_total_error`] found it.
+    pub fn total_error(&self) -> Option<TotalError> {
+        self.total
     }
 
     /// Vertices with a negative channel, which shows as 0: ringing of the band-limited light.

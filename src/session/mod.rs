@@ -29,6 +29,7 @@
 //! # }
 //! ```
 
+mod error;
 mod isosurface;
 mod light;
 mod lit;
@@ -59,6 +60,8 @@ pub use textures::LuminaireFactor;
 pub use textures::{Groups, check_factors, factor_of, radiance_of_bricks};
 pub use tone::Tone;
 pub use write::MeshOptions;
+#[doc(hidden)]
+pub use write::total_json;
 
 use crate::error::{Error, Result};
 use crate::geom::Up;

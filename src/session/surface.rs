@@ -141,12 +141,12 @@ impl<'s> Surface<'s> {
         })
     }
 
-    /// Lights it: [`Self::contract`], and [`LitTexels::look_up`] at the vertices.
+    /// Lights it: [`Self::contract`], [`LitTexels::look_up`] at the vertices, and [`Lit::with_total_error`].
     ///
     /// # Errors
     /// As those two.
     pub fn lit<'t>(&'t self, lighting: &'t Lighting<'t>, material: &Material, options: &LitOptions) -> Result<Lit<'t>> {
-        self.contract(lighting, material, &options.luminaires)?.look_up(options.exposure)
+        self.contract(lighting, material, &options.luminaires)?.look_up(options.exposure)?.with_total_error()
     }
 
     /// The box of all volumes in world.

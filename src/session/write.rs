@@ -5,6 +5,7 @@ use super::{Lit, Still, number, relightable};
 use crate::error::Result;
 use crate::export::gltf::{ColourFormat, GltfOptions};
 use crate::export::{ExportMesh, Positions, atomic, gltf, ply, png};
+use crate::relight::{ErrorTerm, TotalError};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -100,7 +101,7 @@ impl Lit<'_> {
         let (surface, lighting) = (texels.surface, texels.lighting);
         let (member, options) = (&surface.session.members()[0], &lighting.options);
         let identity = member.store().identity();
-        json!({
+        let mut record = json!({
             "program": concat!("isolume ", env!("CARGO_PKG_VERSION")),
             "volume": member.volume().name,
             "store": identity.hash(),
@@ -116,6 +117,20 @@ impl Lit<'_> {
             "error": {
                 "rms_over_mean": self.rms_over_mean(), "median_relative": finite(self.relative_error().median),
             },
-        })
+        });
+        if let Some(total) = self.total {
+            record["total_error"] = total_json(&total);
+        }
+        record
     }
+}
+
+/// The whole error as files and machines get it: root mean squares over the mean radiance.
+pub fn total_json(total: &TotalError) -> Value {
+    let term = |term: ErrorTerm| json!({ "rms": term.rms, "upper": term.upper });
+    json!({
+        "rms": total.rms, "percentile_95": total.percentile_95,
+        "noise": term(total.noise), "texture": term(total.texture), "truncation": total.truncation.map(term),
+        "check_points": total.points,
+    })
 }

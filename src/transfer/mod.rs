@@ -26,6 +26,7 @@
 //!
 //! A texel that was not baked holds NaN in all coefficients, one without a usable normal holds 0.
 
+pub mod checks;
 mod group;
 mod isosurface;
 pub mod precision;

@@ -44,6 +44,8 @@ pub struct Bake<'a> {
 pub struct SurfacePoints {
     /// In the file's values.
     pub isovalue: f64,
+    /// An isovalue of each point, where they are of several isosurfaces; else empty.
+    pub own: Vec<f64>,
     /// Positions in grid space.
     pub positions_in_grid: Vec<[f32; 3]>,
     /// Unit normals in world that point to the lit side, one a position; zero where there is none.
@@ -51,9 +53,16 @@ pub struct SurfacePoints {
 }
 
 impl SurfacePoints {
-    /// Position and normal of a vertex.
-    fn of_vertex(&self, vertex: usize) -> Option<([f32; 3], [f32; 3])> {
-        Some((*self.positions_in_grid.get(vertex)?, *self.normals.get(vertex)?))
+    /// The site of a vertex.
+    pub(super) fn site<T: Sample>(&self, field: &LevelField<'_, T>, volume: &Volume, vertex: usize) -> Option<Site> {
+        let (position, normal, isovalue) = self.of_vertex(vertex)?;
+        field.site_on(position, normal, volume.raw_from_value(isovalue) as f32)
+    }
+
+    /// Position, normal and isovalue of a vertex.
+    fn of_vertex(&self, vertex: usize) -> Option<([f32; 3], [f32; 3], f64)> {
+        let isovalue = self.own.get(vertex).copied().unwrap_or(self.isovalue);
+        Some((*self.positions_in_grid.get(vertex)?, *self.normals.get(vertex)?, isovalue))
     }
 }
 
@@ -104,8 +113,8 @@ impl<'a> Bake<'a> {
         match self.points {
             None => estimator.site(self.layout.lattice.grid_from_texel(texel)),
             Some(points) => {
-                let (position, normal) = points.of_vertex(texel[0])?;
-                estimator.site_on(position, normal, self.volume.raw_from_value(points.isovalue) as f32)
+                let (position, normal, isovalue) = points.of_vertex(texel[0])?;
+                estimator.site_on(position, normal, self.volume.raw_from_value(isovalue) as f32)
             }
         }
     }

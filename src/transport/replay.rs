@@ -113,7 +113,11 @@ pub fn replay_texel(bake: &Bake<'_>, texel: [usize; 3]) -> Result<Option<Replaye
     let item = (grid3::index([m[0], m[1]], texel)) as u64;
     with_samples!(bake.volume.samples(), s => {
         let field = LevelField::new(bake.volume, s, bake.pyramid);
-        let Some(site) = field.site(bake.layout.lattice.grid_from_texel(texel)) else { return Ok(None) };
+        let site = match bake.points {
+            None => field.site(bake.layout.lattice.grid_from_texel(texel)),
+            Some(points) => points.site(&field, bake.volume, texel[0]),
+        };
+        let Some(site) = site else { return Ok(None) };
         let paths = match bake.geometry {
             None => replay(&field, &site, item, bake.settings),
             Some(geometry) => Among::new(bake, &field, geometry)?.replay(&site, item),

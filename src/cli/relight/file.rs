@@ -7,7 +7,7 @@ use crate::cli::{Failure, Outcome, info, text};
 use crate::error::Error;
 use crate::level::Counts;
 use crate::probe::Probe;
-use crate::relight::{LookupReport, Material, SurfaceError};
+use crate::relight::{LookupReport, Material, SurfaceError, TotalError};
 use crate::scene::{EmissionRule, MaterialRule};
 use crate::session::{Lit, LitTexels, Session, Surface};
 use crate::transfer::store::{Holdings, Store};
@@ -40,6 +40,10 @@ pub(super) struct Written {
     pub(super) error: SurfaceError,
     /// Its root mean square over the mean radiance.
     pub(super) rms_over_mean: f64,
+    /// How far the colours are from exact light transport, where check points say it.
+    pub(super) total: Option<TotalError>,
+    /// Whether the vertices have transfer of their own; else it comes from the texture.
+    pub(super) at_vertices: bool,
     /// In stops.
     pub(super) exposure_ev: f64,
     pub(super) negative: u64,
@@ -75,6 +79,7 @@ impl Context<'_> {
         let start = Instant::now();
         let lit = texels.look_up(c.material.exposure).map_err(|e| self.explained(e))?;
         times.look_up = start.elapsed();
+        let lit = lit.with_total_error()?;
         let mut written = Written {
             target,
             isovalue,
@@ -83,6 +88,8 @@ impl Context<'_> {
             report: *lit.report(),
             error: lit.relative_error(),
             rms_over_mean: lit.rms_over_mean(),
+            total: lit.total_error(),
+            at_vertices: surface.parts()[0].isosurface().transfer().is_some(),
             exposure_ev: lit.exposure_in_stops(),
             negative: lit.negative_vertices(),
             remainder: lit.emission_remainder(),

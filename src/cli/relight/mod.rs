@@ -145,6 +145,8 @@ struct LitSurface {
     vertices: u64,
     triangles: u64,
     bricks: u64,
+    /// Whether its vertices have transfer of their own.
+    at_vertices: bool,
     below_a_texel: f64,
     extract_time: Duration,
     select_time: Duration,
@@ -158,6 +160,7 @@ impl LitSurface {
             vertices: mesh.positions_in_grid.len() as u64,
             triangles: mesh.triangles.len() as u64,
             bricks: part.bricks().len() as u64,
+            at_vertices: part.isosurface().transfer().is_some(),
             below_a_texel: part.below_a_texel(),
             extract_time,
             select_time,

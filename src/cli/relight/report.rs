@@ -5,6 +5,8 @@ use super::file::Written;
 use crate::cli::console::Console;
 use crate::cli::output::Format;
 use crate::cli::text;
+use crate::relight::{ErrorTerm, TotalError};
+use crate::session::total_json;
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -30,31 +32,28 @@ fn print(console: &Console, relit: &Relit) {
         let what = format!("{}, {}", w.what, text::bytes(w.bytes as f64));
         console.summary(text::file_line(&w.target.path, &what));
     }
-    let noise = written.iter().map(|w| w.rms_over_mean).fold(0.0, f64::max);
     let time: Duration = written.iter().map(|w| w.times.total()).sum();
-    console.summary(match written.as_slice() {
-        [w] => format!(
-            "isovalue {}, {}: noise {} of the mean, exposure {:+.2} EV; {}",
+    let worst = written.iter().max_by(|a, b| error_of(a).total_cmp(&error_of(b)));
+    console.summary(match (written.as_slice(), worst) {
+        ([w], _) => format!(
+            "isovalue {}, {}: {}; exposure {:+.2} EV; {}",
             text::number(w.isovalue, 6),
             w.env,
-            text::percent(noise),
+            error_text(w),
             w.exposure_ev,
             text::duration(time)
         ),
-        all => format!(
-            "{} files in {}: noise at most {} of the mean",
-            all.len(),
-            text::duration(time),
-            text::percent(noise)
-        ),
+        (all, Some(worst)) => format!("{} files in {}: {} or better", all.len(), text::duration(time), error_text(worst)),
+        (_, None) => "no file".into(),
     });
     for s in surfaces {
         console.detail(format!("\nisovalue {}", text::number(s.isovalue, 6)));
         let found = format!(
-            "{} vertices, {} triangles, {} bricks of texels",
+            "{} vertices, {} triangles, {} bricks of {}",
             text::count(s.vertices),
             text::count(s.triangles),
             text::count(s.bricks),
+            if s.at_vertices { "vertices" } else { "texels of the texture" },
         );
         let times = format!("extract {}, select {}", text::duration(s.extract_time), text::duration(s.select_time));
         console.detail(text::table(&[vec!["surface".into(), found], vec!["time".into(), times]]));
@@ -70,6 +69,33 @@ fn print(console: &Console, relit: &Relit) {
         text::count(camera_rays),
         text::count(written.iter().map(|w| w.sun_rays).sum())
     ));
+}
+
+/// The number that a file is judged by: its whole error, else its noise.
+fn error_of(w: &Written) -> f64 {
+    w.total.map_or(w.rms_over_mean, |total| total.rms)
+}
+
+/// How far a file is from exact light transport, in short.
+fn error_text(w: &Written) -> String {
+    match w.total {
+        Some(total) => format!("within {} (95 %: {})", text::percent(total.rms), text::percent(total.percentile_95)),
+        None => format!("noise {} of the mean", text::percent(w.rms_over_mean)),
+    }
+}
+
+/// Where the error comes from.
+fn parts_of_error(total: &TotalError, at_vertices: bool) -> String {
+    let term = |name: &str, term: ErrorTerm| {
+        format!("{name} {} (at most {})", text::percent(term.rms), text::percent(term.upper))
+    };
+    let texture = if at_vertices { "between the vertices" } else { "texture" };
+    let mut parts = vec![format!("noise {}", text::percent(total.noise.rms)), term(texture, total.texture)];
+    match total.truncation {
+        Some(truncation) => parts.push(term("light above the bands", truncation)),
+        None => parts.push("light above the bands not known".into()),
+    }
+    format!("RMS over the mean radiance: {}; from {} check points", parts.join(", "), total.points)
 }
 
 /// One file in detail.
@@ -94,8 +120,12 @@ fn details(w: &Written) -> String {
         text::count(w.report.unbaked),
     );
     let light = format!("{}, isovalue {}, exposure {:+.2} EV", w.env, text::number(w.isovalue, 6), w.exposure_ev);
-    let rows = [("light", light), ("noise", noise), ("lookups", lookups), ("time", times.join(", "))];
-    text::table(&rows.map(|(name, text)| vec![name.to_string(), text]))
+    let mut rows = vec![("light", light), ("noise", noise), ("lookups", lookups), ("time", times.join(", "))];
+    if let Some(total) = &w.total {
+        rows.insert(1, ("error", format!("{}; {}", error_text(w), parts_of_error(total, w.at_vertices))));
+    }
+    let rows: Vec<Vec<String>> = rows.into_iter().map(|(name, text)| vec![name.to_string(), text]).collect();
+    text::table(&rows)
 }
 
 pub(super) fn report(console: &Console, relit: &Relit) {
@@ -148,6 +178,7 @@ pub(super) fn report(console: &Console, relit: &Relit) {
             "vertices": s.vertices,
             "triangles": s.triangles,
             "bricks": s.bricks,
+            "at_vertices": s.at_vertices,
             "seconds": { "extract": s.extract_time.as_secs_f64(), "select": s.select_time.as_secs_f64() },
         })).collect::<Vec<_>>(),
         "files": written.iter().map(file_json).collect::<Vec<_>>(),
@@ -173,6 +204,7 @@ fn file_json(w: &Written) -> Value {
             "median_relative": finite(w.error.median),
             "percentile_95_relative": finite(w.error.percentile_95),
         },
+        "total_error": w.total.as_ref().map(total_json),
         "negative_vertices": w.negative, "sun_rays": w.sun_rays, "light_notes": w.notes,
         "emission_remainder": w.remainder,
         "lookups": {

@@ -48,6 +48,7 @@
 
 mod archive;
 mod backing;
+mod checks;
 mod chunk;
 pub mod complete;
 pub mod diagnose;

@@ -1,6 +1,7 @@
 //! What is kept of a photon: 40 bytes.
 
 use super::tree::Node;
+use crate::geom::{direction_from_octahedral, octahedral_from_direction};
 use glam::Vec3;
 use half::f16;
 
@@ -81,27 +82,14 @@ impl Photon {
 /// A unit vector in 32 bits, off by at most 1e-4 (Meyer et al. 2010, "On floating-point normal vectors": the octahedral
 /// map, rounded to nearest).
 fn octahedral(v: Vec3) -> u32 {
-    let flat = v / (v.x.abs() + v.y.abs() + v.z.abs());
-    let (mut x, mut y) = (flat.x, flat.y);
-    if v.z < 0.0 {
-        (x, y) = ((1.0 - flat.y.abs()) * sign(flat.x), (1.0 - flat.x.abs()) * sign(flat.y));
-    }
     let code = |t: f32| ((t.clamp(-1.0, 1.0) * 32767.0).round() as i16) as u16;
-    u32::from(code(x)) << 16 | u32::from(code(y))
+    let [x, y] = octahedral_from_direction(v).map(code);
+    u32::from(x) << 16 | u32::from(y)
 }
 
 fn from_octahedral(code: u32) -> Vec3 {
     let part = |bits: u32| f32::from(bits as u16 as i16) * (1.0 / 32767.0);
-    let (x, y) = (part(code >> 16), part(code));
-    let z = 1.0 - x.abs() - y.abs();
-    let folded =
-        if z < 0.0 { Vec3::new((1.0 - y.abs()) * sign(x), (1.0 - x.abs()) * sign(y), z) } else { Vec3::new(x, y, z) };
-    folded.normalize()
-}
-
-/// +1 for 0, unlike a sign that has three values.
-fn sign(t: f32) -> f32 {
-    if t < 0.0 { -1.0 } else { 1.0 }
+    direction_from_octahedral([part(code >> 16), part(code)])
 }
 
 #[cfg(test)]
