@@ -14,6 +14,7 @@ mod relight_transport;
 mod scene_volumes;
 mod scene_walls;
 mod sh_properties;
+mod stated_error;
 mod transport_bowl;
 mod transport_closed_forms;
 mod transport_convergence;

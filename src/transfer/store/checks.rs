@@ -88,4 +88,18 @@ impl Store {
             escapes: bytemuck::pod_collect_to_vec(take(4 * paths * points)),
         }))
     }
+
+    /// Takes over the check points of another store of the same identity where there are none here.
+    pub(super) fn take_checks(&self, other: &Self) -> Result<()> {
+        let named = match &other.surface {
+            Some(mark) => vec![Some(mark.isovalue)],
+            None => other.asked()?.claims().iter().map(|claim| claim.isovalue).collect(),
+        };
+        for isovalue in named {
+            if let (None, Some(theirs)) = (self.checks(isovalue)?, other.checks(isovalue)?) {
+                self.write_checks(isovalue, &theirs)?;
+            }
+        }
+        Ok(())
+    }
 }

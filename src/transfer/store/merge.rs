@@ -112,7 +112,11 @@ impl Store {
             // Those first: a chunk counts as there when the environment's is.
             self.group(group)?.take_from(&other.group(group)?)?;
         }
-        self.ask(&other.asked()?)?;
+        let asked = other.asked()?;
+        if !asked.claims().is_empty() {
+            self.ask(&asked)?;
+        }
+        self.take_checks(other)?;
         let [cx, cy, cz] = self.layout.lattice.chunks();
         let mut report = MergeReport::default();
         for c in 0..cx * cy * cz {

@@ -3,6 +3,7 @@
 mod damage;
 mod mend;
 mod paths;
+mod surface;
 
 use super::super::texture::MemoryTexture;
 use super::super::{BRICK_TEXELS, Brick, BrickSource, Lattice, Layers};
