@@ -1,9 +1,8 @@
 //! Radiance of the surface that the samples themselves describe: path tracing on the trilinear level set, with nothing of
 //! what the transfer and its other reference approximate.
 //!
-//! [`super::direct`] starts and goes on about smoothed normals, as the texture does. Those are not the normals of the
-//! surface that its rays meet: where the two disagree, rays start into the solid, and a rule decides what becomes of
-//! them. Here the normal is the gradient of the trilinear field itself, at the start and at each hit; directions are drawn
+//! [`super::direct`] starts about smoothed normals, as the texture does. Those are not the normals of the surface that
+//! its rays meet: where the two disagree, rays start into the solid, and a rule decides what becomes of them. Here the normal is the gradient of the trilinear field itself, at the start and at each hit; directions are drawn
 //! about it, so that each leaves towards the lit side and no such rule is needed. All of it is f64, with an own march and
 //! an own root ([`trilinear`]): nothing demands f32 but speed.
 //!
@@ -41,6 +40,8 @@ pub struct CellPoints {
     pub smoothed: Vec<SurfacePoint>,
     // One for each of them.
     exact: Vec<InCell>,
+    // Of the surface itself, one for each of them.
+    normals: Vec<DVec3>,
     /// Draws that found no point: the line from the triangle along the gradient does not meet the surface in its cell,
     /// or the gradient vanishes.
     pub missed: u32,
@@ -55,6 +56,25 @@ pub struct GeometricCounts {
     pub lost: u64,
     /// Paths that were cut at the most turns.
     pub cut: u64,
+}
+
+/// One of [`CellPoints`], where it lies exactly.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExactPoint {
+    /// In grid space.
+    pub position_in_grid: [f64; 3],
+    /// Unit normal of the trilinear surface there, in world axes, towards the lit side.
+    pub normal: [f64; 3],
+}
+
+impl CellPoints {
+    /// Each point with the normal of the surface itself.
+    pub fn exact(&self) -> impl Iterator<Item = ExactPoint> {
+        self.exact
+            .iter()
+            .zip(&self.normals)
+            .map(|(at, normal)| ExactPoint { position_in_grid: at.in_grid().to_array(), normal: normal.to_array() })
+    }
 }
 
 impl std::ops::AddAssign for GeometricCounts {
@@ -91,6 +111,7 @@ pub fn points_in_cells(
     }
     let raw = volume.raw_from_value(isovalue) as f32;
     let surface = TrilinearSurface::new(volume, f64::from(raw));
+    let normals = Normals::new(volume);
     for i in 0..u64::from(count) {
         for draw in 0..MOST_DRAWS {
             let [u, v, w, low] = [0, 1, 2, 3].map(|d| f64::from(uniform(seed, i, draw, d)));
@@ -100,25 +121,23 @@ pub fn points_in_cells(
             let [a, b, c] = corners(&mesh.triangles[triangle]);
             let root = v.sqrt();
             let at = a * (1.0 - root) + b * (root * (1.0 - w)) + c * (root * w);
-            match moved_onto(&surface, at, (a + b + c) / 3.0) {
-                Some(place) => {
-                    out.exact.push(place);
-                    break;
-                }
-                None => out.missed += 1,
+            let place = moved_onto(&surface, at, (a + b + c) / 3.0);
+            if let Some((place, normal)) = place.and_then(|place| Some((place, normals.at(&surface, &place)?))) {
+                out.exact.push(place);
+                out.normals.push(normal);
+                break;
             }
+            out.missed += 1;
         }
     }
-    let normals = Normals::new(volume);
     out.smoothed = with_samples!(volume.samples(), s => {
         let field = LevelField::new(volume, s, pyramid);
-        let smoothed = |place: &InCell| {
+        let smoothed = |(place, own): (&InCell, &DVec3)| {
             let position = place.in_grid();
-            let own = || normals.at(&surface, place).map_or([0.0; 3], |n| n.as_vec3().to_array());
-            let normal = field.normal(&field.locate(position.to_array())).map_or_else(own, |n| n.vec().to_array());
+            let normal = field.normal(&field.locate(position.to_array())).map_or(own.as_vec3(), |n| n.vec()).to_array();
             SurfacePoint { position_in_grid: position.as_vec3().to_array(), normal }
         };
-        out.exact.iter().map(smoothed).collect()
+        out.exact.iter().zip(&out.normals).map(smoothed).collect()
     });
     out
 }
@@ -130,7 +149,7 @@ fn moved_onto(surface: &TrilinearSurface<'_>, at: DVec3, centre: DVec3) -> Optio
     let local = (at - cell.as_dvec3()).clamp(DVec3::ZERO, DVec3::ONE);
     let local = field.zero_near(local, field.gradient(local).try_normalize()?)?;
     let inside = local.cmpgt(DVec3::ZERO).all() && local.cmplt(DVec3::ONE).all();
-    (inside && field.gradient(local) != DVec3::ZERO).then_some(InCell { cell, local })
+    inside.then_some(InCell { cell, local })
 }
 
 /// The normals of the trilinear field.
@@ -146,10 +165,8 @@ impl Normals {
 
     /// Towards the lit side.
     fn at(&self, surface: &TrilinearSurface<'_>, place: &InCell) -> Option<DVec3> {
-        let gradient = surface.field(place.cell).gradient(place.local);
-        // Scaled first: squares of a tiny gradient would vanish.
-        let largest = gradient.abs().max_element();
-        (largest > 0.0).then(|| -(self.gradient_in_world * (gradient / largest)))?.try_normalize()
+        // Samples are f32: squares of their differences do not vanish in f64.
+        (-(self.gradient_in_world * surface.field(place.cell).gradient(place.local))).try_normalize()
     }
 }
 

@@ -166,6 +166,12 @@ impl<'a> TrilinearSurface<'a> {
         in_grid.floor().as_ivec3().clamp(IVec3::ZERO, self.cells - 1)
     }
 
+    /// f at a place: 0 on the level set, up to rounding.
+    #[cfg(test)]
+    pub(super) fn value(&self, at: &InCell) -> f64 {
+        self.field(at.cell).value(at.local)
+    }
+
     fn index(&self, cell: IVec3) -> usize {
         let [nx, ny] = [self.cells.x as usize, self.cells.y as usize];
         cell.x as usize + nx * (cell.y as usize + ny * cell.z as usize)
@@ -265,5 +271,43 @@ impl<'a> TrilinearSurface<'a> {
     fn place(&self, start: &InCell, d: DVec3, t: f64, cell: IVec3) -> InCell {
         let local = start.local + t * d + (start.cell - cell).as_dvec3();
         InCell { cell, local: local.clamp(DVec3::ZERO, DVec3::ONE) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_rise_is_the_first_root_upwards() {
+        // (s − 0.2)(s − 0.5)(s − 0.7): up, down, up.
+        let cubic = [-0.07, 0.59, -1.4, 1.0];
+        let cases = [(0.0, 1.0, Some(0.2)), (0.0, 0.1, None), (0.5, 1.0, Some(0.7)), (0.5, 0.6, None)];
+        for (from, to, expected) in cases {
+            let found = first_rise(&cubic, from, to);
+            match (found, expected) {
+                (Some(found), Some(expected)) => assert!(f64::abs(found - expected) < 1e-14, "{found} {expected}"),
+                other => assert_eq!(other.0, other.1),
+            }
+        }
+        // A double root from below is no rise, a triple one is; a line is a cubic.
+        assert_eq!(first_rise(&[-0.25, 1.0, -1.0, 0.0], 0.0, 0.4), None);
+        assert!((first_rise(&[-0.125, 0.75, -1.5, 1.0], 0.0, 1.0).unwrap() - 0.5).abs() < 1e-5);
+        assert_eq!(first_rise(&[-1.0, 4.0, 0.0, 0.0], 0.0, 1.0).map(|s| (s - 0.25).abs() < 1e-15), Some(true));
+    }
+
+    #[test]
+    fn a_cubic_along_a_ray_is_the_field_along_it() {
+        let field = CellField::new([0.3, -0.7, 0.9, 0.1, -0.4, 0.8, -0.2, 0.5]);
+        let (p, d) = (DVec3::new(0.1, 0.7, 0.4), DVec3::new(0.5, -0.6, 0.3));
+        let cubic = field.along(p, d);
+        for i in 0..9 {
+            let s = 0.125 * f64::from(i);
+            assert!((value(&cubic, s) - field.value(p + s * d)).abs() < 1e-15);
+        }
+        for (i, corner) in [0.3, -0.7, 0.9, 0.1, -0.4, 0.8, -0.2, 0.5].into_iter().enumerate() {
+            let at = DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64);
+            assert!((field.value(at) - corner).abs() < 1e-15);
+        }
     }
 }
