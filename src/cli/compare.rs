@@ -1,5 +1,6 @@
 //! `isolume compare`: the store's answer against paths and photons on the same surface, and why they differ.
 
+mod geometry;
 mod photon;
 mod picture;
 mod subject;
@@ -12,7 +13,8 @@ use super::light::parse_factor;
 use super::light::{open_probe, parse_triple};
 use super::{Outcome, text};
 use crate::compare::{
-    Comparison, Distance, LitSurface, PhotonComparison, Question, compare, compare_photons, unburied,
+    BudgetRow, Comparison, Distance, GeometryComparison, LitSurface, PhotonComparison, Question, check_geometry,
+    compare, compare_geometry, compare_photons, unburied,
 };
 use crate::error::Error;
 use crate::probe::{Orientation, Probe};
@@ -20,6 +22,7 @@ use crate::scene::{Effects, Scene, SceneFile, VolumeOptions};
 use crate::session::{Isosurface, LuminaireFactor, check_factors, factor_of};
 use crate::transfer::BrickSource;
 use crate::transfer::store::Store;
+use crate::transport::{ExactPoint, points_in_cells};
 use picture::Shown;
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
@@ -30,12 +33,14 @@ use subject::Subject;
 /// At random vertices, light is computed anew by unbiased paths on the level set: under the whole image, and under the
 /// image cut to the bands of the store. The difference to what relight gives is split into truncation, texture
 /// (interpolation, layers, tail), noise of the bake, and rounding. With --against photon flattened photon mapping
-/// stands beside them. Pictures show the store, the reference, and the difference in false colours.
+/// stands beside them; with --against geometry paths on the trilinear surface itself, at random points inside its cells,
+/// which say what smoothed normals do. Pictures show the store, the reference, and the difference in false colours.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume compare brain.isolume --isovalue 90 --env courtyard --env sunset
   isolume compare brain.isolume --isovalue 90 --env courtyard --png brain.png
   isolume compare brain.isolume --isovalue 90 --env sky --against photon
+  isolume compare brain.isolume --isovalue 90 --env constant --against geometry
   isolume compare box.isolume --scene box.toml --isovalue 47 --luminaire ceiling=2")]
 pub(super) struct Compare {
     /// The store
@@ -79,7 +84,7 @@ pub(super) struct Compare {
     /// Compare only this one of several volumes baked together; isovalues are then its own
     #[arg(long = "volume", value_name = "NAME")]
     of_volume: Option<String>,
-    /// Random vertices at which light is compared
+    /// Random vertices at which light is compared; with --against geometry points of the triangles
     #[arg(long, value_name = "N", default_value_t = 2000, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
     points: u32,
     /// Paths of the reference at each of them, a power of two
@@ -88,9 +93,13 @@ pub(super) struct Compare {
     /// Paths for each texel of the budget's exact texels, a power of two
     #[arg(long, value_name = "N", default_value = "1024", value_parser = super::options::parse_rays)]
     texel_rays: u32,
-    /// Reference of the pictures: path tracing, or photon mapping, which is then compared too
+    /// What is compared beside path tracing; photons are then the reference of the pictures, too
     #[arg(long, value_enum, default_value = "path")]
     against: Against,
+    /// With --against geometry, list every point in --json: its place in the grid, the normal of the surface itself there,
+    /// and radiance by the store, by paths about smoothed normals, and by paths on the surface itself
+    #[arg(long)]
+    list_points: bool,
     #[command(flatten)]
     photons: photon::PhotonArgs,
     #[command(flatten)]
@@ -104,6 +113,8 @@ enum Against {
     Path,
     /// Flattened photon mapping as well
     Photon,
+    /// Path tracing on the trilinear surface itself, about its own normals, as well
+    Geometry,
 }
 
 /// One surface under one light.
@@ -114,6 +125,9 @@ struct Row {
     env: String,
     found: Comparison,
     photons: Option<PhotonComparison>,
+    geometry: Option<GeometryComparison>,
+    // The points, where they are listed.
+    listed: Vec<ExactPoint>,
     time: Duration,
 }
 
@@ -144,9 +158,11 @@ impl Compare {
         }
         console.print(table(&rows));
         console.print(format!(
-            "\n{} vertices, {} paths each; all figures over the mean radiance of the reference. ± is half of the \
+            "\n{} {}, {} paths each; all figures over the mean radiance of the reference. ± is half of the \
              95 % interval over the vertices. RMS %: after the reference's exposure, clamped to [0, 1], as Beason (2005) measured.",
-            self.points, self.paths
+            self.points,
+            if self.against == Against::Geometry { "points" } else { "vertices" },
+            self.paths
         ));
         if subjects.iter().any(Subject::is_among_others) {
             console.print("Vertices that another volume buries are left out.");
@@ -154,6 +170,9 @@ impl Compare {
         console.print(format!("\nWhy: shares of the mean square of the difference\n{}", budget(&rows)));
         if self.against == Against::Photon {
             console.print(format!("\n{}", photon::table(&rows)));
+        }
+        if self.against == Against::Geometry {
+            console.print(format!("\n{}", geometry::table(&rows)));
         }
         for path in files.iter().flat_map(|f| f.paths()) {
             console.print(path.display());
@@ -191,7 +210,14 @@ impl Compare {
         let layout = subject.textures[0].layout();
         let orientation = Orientation::new(volume.up, self.env_rotate)?.in_frame(self.env_frame.into());
         let surface = Isosurface::extract(volume, pyramid, isovalue)?;
-        let points = surface.random_points(self.points, seed);
+        let cells = match self.against {
+            Against::Geometry => Some(points_in_cells(volume, pyramid, surface.mesh(), isovalue, self.points, seed)),
+            Against::Path | Against::Photon => None,
+        };
+        let points = match &cells {
+            Some(cells) => cells.smoothed.clone(),
+            None => surface.random_points(self.points, seed),
+        };
         let points = unburied(volume, pyramid, geometry, isovalue, points);
         let luminaires = geometry.map_or(&[][..], |geometry| geometry.luminaires());
         let scales: Vec<[f64; 3]> = luminaires.iter().map(|l| factor_of(&l.name, &self.luminaires)).collect();
@@ -222,13 +248,17 @@ impl Compare {
                 seed,
             };
             let asked = match self.against {
-                Against::Path => None,
+                Against::Path | Against::Geometry => None,
                 Against::Photon => Some(self.photons.question(volume, isovalue, seed)?),
             };
             if let Some(asked) = &asked {
                 asked.check(&question)?;
             }
+            if cells.is_some() {
+                check_geometry(&lit)?;
+            }
             let found = compare(&question)?;
+            let beside = cells.as_ref().map(|cells| compare_geometry(&question, &found, cells)).transpose()?;
             let photons = asked.as_ref().map(|asked| compare_photons(&question, &found, asked)).transpose()?;
             let time = start.elapsed();
             let shown = Shown { question: &question, surface: &surface, photons: asked.as_ref(), mean: found.mean };
@@ -236,13 +266,19 @@ impl Compare {
                 self.pictures.write(files, &shown)?;
             }
             let (volume, env) = (subject.name.clone(), probe.name.clone());
-            rows.push(Row { volume, isovalue, env, found, photons, time });
+            let listed = cells.iter().filter(|_| self.list_points).flat_map(|cells| cells.exact()).collect();
+            rows.push(Row { volume, isovalue, env, found, photons, geometry: beside, listed, time });
         }
         Ok(rows)
     }
 }
 
 impl Row {
+    /// The rows of the longest chain.
+    fn budget(&self) -> &[BudgetRow] {
+        self.geometry.as_ref().map_or(&self.found.budget, |geometry| &geometry.budget)
+    }
+
     /// Which surface it is of.
     fn surface(&self) -> String {
         let isovalue = text::number(self.isovalue, 6);
@@ -279,13 +315,13 @@ fn table(rows: &[Row]) -> String {
 }
 
 fn budget(rows: &[Row]) -> String {
-    let names = rows.first().map_or(Vec::new(), |r| r.found.budget.iter().map(|b| b.name.to_string()).collect());
+    let names = rows.first().map_or(Vec::new(), |r| r.budget().iter().map(|b| b.name.to_string()).collect());
     let head = ["isovalue", "environment"].map(String::from).into_iter().chain(names);
     let mut lines = vec![head.chain(["total".into(), "noise of the reference".into()]).collect::<Vec<_>>()];
     for row in rows {
         let mut line = vec![row.surface(), row.env.clone()];
-        let total: f64 = row.found.budget.iter().map(|b| b.mean_square).sum();
-        for b in &row.found.budget {
+        let total: f64 = row.budget().iter().map(|b| b.mean_square).sum();
+        for b in row.budget() {
             let rms = b.mean_square.abs().sqrt().copysign(b.mean_square);
             line.push(format!("{:.1} % (RMS {:.2} %)", 100.0 * b.mean_square / total, 100.0 * rms));
         }
@@ -313,12 +349,13 @@ fn row_json(row: &Row) -> Value {
     json!({
         "volume": row.volume, "isovalue": row.isovalue, "environment": row.env, "mean_radiance": f.mean,
         "whole": distance_json(&f.whole), "band_limited": distance_json(&f.band_limited),
-        "budget_mean_square": f.budget.iter().map(|b| (b.name.to_string(), json!(b.mean_square))).collect::<serde_json::Map<_, _>>(),
+        "budget_mean_square": row.budget().iter().map(|b| (b.name.to_string(), json!(b.mean_square))).collect::<serde_json::Map<_, _>>(),
         "reference_noise": f.reference_noise, "rays": f.rays, "seconds": row.time.as_secs_f64(),
         "lookups": {
             "all": f.lookups.lookups, "renormalised": f.lookups.renormalised,
             "neighbourhood": f.lookups.neighbourhood, "unoccluded": f.lookups.unoccluded,
         },
         "photons": row.photons.as_ref().map(photon::photons_json),
+        "geometry": row.geometry.as_ref().map(|g| geometry::geometry_json(row, g)),
     })
 }

@@ -10,9 +10,13 @@
 //! 4. texels baked as the store's were, before rounding: *noise* of the bake (for `gather` its bias, too);
 //! 5. the store itself, through contraction and lookup: *rounding*.
 //!
+//! Ahead of them stands the surface itself, where it is asked for ([`compare_geometry`]): paths about the normals of the
+//! trilinear field instead of smoothed ones; the difference is *normals*.
+//!
 //! Mean squares of the differences do not add up to that of the whole, since neighbours in the chain may be correlated;
 //! what is missing is a row of its own, so that the rows sum to the total.
 
+mod geometry;
 mod photon;
 pub(crate) mod slow;
 mod surface;
@@ -20,6 +24,7 @@ mod surface;
 #[cfg(test)]
 mod tests;
 
+pub use geometry::{GeometryComparison, check_geometry, compare_geometry};
 pub use photon::{PhotonComparison, PhotonQuestion, compare_photons};
 pub(crate) use surface::Texels;
 pub use surface::{LitSurface, unburied};
@@ -76,10 +81,13 @@ pub struct Distance {
     pub rms_percent: f64,
 }
 
+/// The row of what the others miss.
+const CROSS_TERMS: &str = "cross terms";
+
 /// One approximation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BudgetRow {
-    /// truncation, texture, noise, rounding, cross terms.
+    /// normals (of [`compare_geometry`]), truncation, texture, noise, rounding, cross terms.
     pub name: &'static str,
     /// Mean square over the points and channels, over the squared mean of the reference; negative only for the cross
     /// terms.
@@ -183,7 +191,7 @@ fn budget(links: &[&Vec<[f64; 3]>; 5], mean: f64, is_path: bool) -> Vec<BudgetRo
         rows.pop();
     }
     let sum: f64 = rows.iter().map(|r| r.mean_square).sum();
-    rows.push(BudgetRow { name: "cross terms", mean_square: over(mean_square(links[4], links[0])) - sum });
+    rows.push(BudgetRow { name: CROSS_TERMS, mean_square: over(mean_square(links[4], links[0])) - sum });
     rows
 }
 

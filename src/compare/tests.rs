@@ -204,6 +204,35 @@ fn the_rows_sum_to_the_whole_and_the_light_of_the_store_needs_no_truncation() {
     assert!(found.whole.bias.value.abs() < found.whole.bias.half_interval + 0.005);
 }
 
+#[test]
+fn the_surface_itself_heads_the_chain_and_stands_alone() {
+    let mut scene = scene("gyroid:24", None, 1);
+    let mesh = crate::surface::extract(&scene.volume, scene.isovalue).unwrap();
+    let cells = crate::transport::points_in_cells(&scene.volume, &scene.pyramid, &mesh, scene.isovalue, 200, 3);
+    scene.points.clone_from(&cells.smoothed);
+    let (store, baked_by) = bake_store(&scene, 16);
+    let textures: [&dyn BrickSource; 1] = [&store];
+    let sky = probe::by_name("gradient").unwrap().unwrap();
+    let orientation = Orientation::new(scene.volume.up, 0.0).unwrap();
+    let (coefficients, source) = (sky.coefficients_in_world(5, orientation), sky.source(orientation));
+    let question = scene.question(&textures, &baked_by, &source, &coefficients, 64);
+    let found = compare(&question).unwrap();
+    let geometry = compare_geometry(&question, &found, &cells).unwrap();
+    let names: Vec<&str> = geometry.budget.iter().map(|row| row.name).collect();
+    assert_eq!(names, ["normals", "truncation", "texture", "noise", "rounding", "cross terms"]);
+    let sum: f64 = geometry.budget.iter().map(|row| row.mean_square).sum();
+    assert!((sum - geometry.store.relative_rms.value.powi(2)).abs() < 1e-12);
+    // The rows after the first are those of the paths, over another mean.
+    let truncation = (geometry.budget[1].mean_square * geometry.mean.powi(2), found.budget[0].mean_square);
+    assert!((truncation.0 / (truncation.1 * found.mean.powi(2)) - 1.0).abs() < 1e-9, "{truncation:?}");
+    // Other points, and things around the volume, are refused.
+    let others = crate::transport::points_in_cells(&scene.volume, &scene.pyramid, &mesh, scene.isovalue, 200, 4);
+    assert!(compare_geometry(&question, &found, &others).is_err());
+    let nothing = crate::scene::geometry::Geometry::new(Vec::new(), Vec::new(), 1.0).unwrap();
+    let among = LitSurface { geometry: Some(&nothing), ..question.surface };
+    assert!(check_geometry(&among).unwrap_err().to_string().contains("volume alone"));
+}
+
 /// Under a smooth sky of which the bands of the store leave out next to nothing; what they do is measured, by the
 /// same paths, and allowed for. `texture`: what interpolation between texels and 64 rays of each may add; `blur`: what
 /// photons may be off beyond their noise, point by point, with direct light by rays, without, and gathered.

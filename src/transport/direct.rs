@@ -2,8 +2,10 @@
 //!
 //! Exitant radiance of the Lambertian level set, L_o = ρ/π ∫ (V L + (1−V) L_o') (n·ω)⁺ dω, by paths that see only that
 //! level set, and what stands around it. It shares with the bake what both are defined by (what a ray meets, normals,
-//! the rule for rays lost in the solid) and nothing else: no spherical harmonics, no layers, no lookup.
+//! the rule for rays lost in the solid) and nothing else: no spherical harmonics, no layers, no lookup. What shares
+//! none of that is [`super::geometric`].
 
+use super::REPLICATES;
 use super::scene_path::{SceneCounts, SceneReference, Tracer, World};
 use crate::error::Result;
 use crate::geom::Normal;
@@ -30,6 +32,21 @@ pub struct Radiance {
     pub mean: [f64; 3],
     /// Standard error of the mean, three degrees of freedom.
     pub stderr: [f64; 3],
+}
+
+impl Radiance {
+    /// From the sums of some independent replicates, each of so many paths.
+    pub(super) fn of_replicates(sums: &[[f64; 3]; REPLICATES], paths: u32) -> Self {
+        let mut out = Self::default();
+        for c in 0..3 {
+            let means = sums.each_ref().map(|sum| sum[c] / f64::from(paths));
+            let mean = means.iter().sum::<f64>() / REPLICATES as f64;
+            let spread: f64 = means.iter().map(|m| (m - mean).powi(2)).sum();
+            let variance = spread / (REPLICATES * (REPLICATES - 1)) as f64;
+            (out.mean[c], out.stderr[c]) = (mean, variance.sqrt());
+        }
+        out
+    }
 }
 
 /// Radiance at `points` of the isosurface `isovalue` (in the file's values) under each of `environments`: one list an

@@ -15,6 +15,7 @@ mod chunks;
 mod direct;
 mod estimator;
 mod gather;
+mod geometric;
 mod open;
 mod path;
 pub mod photon;
@@ -31,6 +32,7 @@ pub use bake::{Bake, ChunkBricks, Present, Progress, Sink, SurfacePoints, bake, 
 pub use direct::{Radiance, SurfacePoint, buried, direct};
 pub use estimator::BrickOutput;
 pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};
+pub use geometric::{CellPoints, ExactPoint, GeometricCounts, geometric, points_in_cells};
 pub use path::{Settings, Target, TexelEstimate, radiance_weights};
 pub use photon::{
     Density, Irradiance, IsovalueChoice, Isovalues, PhotonBake, PhotonEnergy, PhotonLight, PhotonLightSettings,

@@ -5,6 +5,9 @@
 //! Y(ω) to layer k and nothing to any other: one path serves all layers. Paths that are still
 //! inside after the last layer add nothing.
 //!
+//! The first direction is drawn about the smoothed normal of the texel, later ones about the normal of the surface that
+//! was met ([`LevelField::hit_normal`]).
+//!
 //! A ray that starts into the solid and does not come out ([`Outcome::Lost`]) is one that the
 //! smoothed normal allows and the facet forbids: it meets the surface where it starts. So it counts
 //! as a hit of distance 0, and the path goes on from the same place. Taking such rays as black
@@ -446,7 +449,7 @@ fn bounce<T: Sample>(
         for slot in arriving..kept {
             let mut path = alive[slot];
             if let Some((&(_, replicate), &hit)) = hits.next_if(|((crossed, _), _)| *crossed == slot) {
-                let Some(normal) = field.normal(&hit.at) else {
+                let Some(normal) = field.hit_normal(&hit.at) else {
                     tally.lost += 1;
                     survivors[replicate] -= 1;
                     continue;
@@ -466,7 +469,7 @@ fn bounce<T: Sample>(
 pub(super) fn continuation<T: Sample>(field: &LevelField<'_, T>, before: &Alive, outcome: Outcome) -> Option<Alive> {
     match outcome {
         Outcome::Hit(hit) => {
-            field.normal(&hit.at).map(|normal| Alive { point: before.point, start: Start::on(hit.at), normal })
+            field.hit_normal(&hit.at).map(|normal| Alive { point: before.point, start: Start::on(hit.at), normal })
         }
         Outcome::Lost => Some(*before),
         Outcome::Escaped => None,

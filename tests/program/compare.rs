@@ -35,6 +35,34 @@ fn a_store_is_compared_and_the_budget_sums() {
 }
 
 #[test]
+fn the_surface_itself_is_a_reference_and_normals_a_row() {
+    let bench = Bench::new();
+    bench.run("bake bumpbox:24 --isovalues 47 --rays 64 -o b.isolume");
+    let line =
+        "compare b.isolume --isovalue 47 --env gradient --points 300 --paths 64 --texel-rays 64 --against geometry";
+    let found = bench.json(&format!("{line} --list-points"));
+    let row = &found["rows"][0];
+    let geometry = &row["geometry"];
+    let number = |v: &Value| v.as_f64().unwrap();
+    let total: f64 = row["budget_mean_square"].as_object().unwrap().values().map(number).sum();
+    let rms = number(&geometry["store"]["relative_rms"]["value"]);
+    assert!((total - rms * rms).abs() < 1e-9 && number(&row["budget_mean_square"]["normals"]) > 0.0, "{row}");
+    let points = geometry["points"].as_array().unwrap();
+    assert_eq!(points.len(), 300);
+    let mean = points.iter().flat_map(|p| p["geometry"].as_array().unwrap()).map(number).sum::<f64>() / 900.0;
+    assert!((mean / number(&geometry["mean_radiance"]) - 1.0).abs() < 1e-12, "{mean}");
+    // Nothing is lost but by the rounding of drawn directions.
+    assert!(10_000.0 * number(&geometry["lost"]) < number(&geometry["rays"]), "{geometry}");
+    // A smooth field: smoothed normals change the mean by less than they do at a point.
+    let bias = number(&geometry["normals_bias"]).abs();
+    assert!(bias < number(&geometry["normals"]["relative_rms"]["value"]), "{geometry}");
+    assert!(bias < 0.01 + 4.0 * number(&geometry["normals_bias_standard_error"]), "{geometry}");
+    let text = bench.run(line);
+    assert!(text.contains("Against the surface itself") && text.contains("300 points"), "{text}");
+    assert_eq!(bench.json(line)["rows"][0]["geometry"]["points"].as_array().unwrap().len(), 0);
+}
+
+#[test]
 fn photons_bake_compare_and_draw() {
     let bench = Bench::new();
     // A store that photons fill is one more store: what paths say of it is within the blur of the search.

@@ -9,7 +9,7 @@ use crate::level::Pyramid;
 use crate::scene::Scene;
 use crate::scene::geometry::Geometry;
 use crate::session::Session;
-use crate::transfer::store::{EstimatorIdentity, Shadows, Store};
+use crate::transfer::store::{EstimatorIdentity, Shadows, Store, TRACING_VERSION};
 use crate::transport::Settings;
 use crate::volume::Volume;
 
@@ -37,6 +37,9 @@ impl Subject {
     /// How its texels were made, with another number of rays; `None` where they cannot be made again.
     pub(super) fn baked_by(&self, rays: u32) -> Option<Settings> {
         let identity = self.textures[0].identity();
+        if identity.tracing != TRACING_VERSION {
+            return None;
+        }
         let is_path = match identity.estimator {
             EstimatorIdentity::Path { shadowing } => shadowing == Shadows::Found,
             EstimatorIdentity::ScenePath { .. } => true,

@@ -16,6 +16,19 @@ pub const OLDEST_FORMAT_VERSION: u32 = 1;
 /// From this version on the record of a chunk says which store it belongs to, and lies in the folder of `rays`.
 pub(super) const STAMPED_VERSION: u32 = 3;
 
+/// Version of the rules by which paths go on from where they meet a surface, which decide numbers as the seed does:
+/// since 2 about the normal of the trilinear facet, and a ray may leave the solid that it starts into by one cell; before,
+/// about the smoothed normal, and by four.
+pub const TRACING_VERSION: u32 = 2;
+
+fn first_tracing_version() -> u32 {
+    1
+}
+
+fn is_first(version: &u32) -> bool {
+    *version == first_tracing_version()
+}
+
 /// What decides the numbers in a store. Two bakes with equal identities fill one store; with
 /// different ones they are refused ([`Error::Mismatch`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -36,6 +49,9 @@ pub struct Identity {
     /// The estimator, with all of its settings that decide numbers.
     #[serde(deserialize_with = "estimator::read")]
     pub estimator: EstimatorIdentity,
+    /// [`TRACING_VERSION`], or that of an older store; 1 is not written.
+    #[serde(default = "first_tracing_version", skip_serializing_if = "is_first")]
+    pub tracing: u32,
     /// Whether the transfer is a sum with positive weights (no control variate).
     pub positive: bool,
     /// Seed of all random numbers.
@@ -77,6 +93,7 @@ impl Identity {
             solid: solid_name(volume.solid).into(),
             bands: layout.layers.bands().to_vec(),
             estimator: estimator.into(),
+            tracing: TRACING_VERSION,
             positive,
             seed,
             scene: None,
@@ -153,6 +170,7 @@ impl Identity {
                 ("solid", i.solid.clone()),
                 ("bands", list(&i.bands)),
                 ("estimator", i.estimator.to_string()),
+                ("tracing", i.tracing.to_string()),
                 ("positive", i.positive.to_string()),
                 ("seed", i.seed.to_string()),
                 ("coupling", coupling_text(i)),
@@ -181,6 +199,9 @@ impl Identity {
                 "it can be read, not extended: convert it with `isolume merge {} -o NEW.isolume`, or {remedy}",
                 path.display()
             );
+        }
+        if field == "tracing" {
+            remedy = format!("it was baked by older rules for rays, and can be read, not extended: {remedy}");
         }
         Err(Error::Mismatch { path: path.into(), field: field.into(), stored, asked, remedy })
     }

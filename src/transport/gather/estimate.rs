@@ -97,7 +97,7 @@ impl<'a> Pass<'a> {
     ) {
         let layers = &self.settings.layers;
         for depth in 1..layers.len() {
-            let Some(normal) = field.normal(&at) else {
+            let Some(normal) = field.hit_normal(&at) else {
                 out.lost += 1;
                 return;
             };

@@ -295,11 +295,13 @@ impl<T: Sample> Emission<'_, '_, T> {
     fn reflect(&self, mut flight: Flight, mut start: Start, sampler: &PathSampler, part: &mut Part) {
         let albedo = self.settings.albedo.map(f64::from);
         let survival = if self.settings.roulette { albedo[0].max(albedo[1]).max(albedo[2]) } else { 1.0 };
-        let Some(mut normal) = self.field.normal(&start.at) else {
+        let Some(mut normal) = self.field.hit_normal(&start.at) else {
             return tally(&mut part.energy.absorbed, flight.flux);
         };
         for bounce in 0.. {
-            self.keep(&flight, &start, normal, bounce, part);
+            // Searches compare it with smoothed ones.
+            let smoothed = self.field.normal(&start.at).unwrap_or(normal);
+            self.keep(&flight, &start, smoothed, bounce, part);
             if bounce == self.settings.most_bounces {
                 return tally(&mut part.energy.cut, flight.flux);
             }
@@ -321,7 +323,7 @@ impl<T: Sample> Emission<'_, '_, T> {
                 // It meets the surface where it starts, as in the estimator `path`.
                 Outcome::Lost => part.energy.lost += 1,
                 Outcome::Hit(hit) => {
-                    let Some(there) = self.field.normal(&hit.at) else {
+                    let Some(there) = self.field.hit_normal(&hit.at) else {
                         return tally(&mut part.energy.absorbed, flight.flux);
                     };
                     (start, normal) = (Start::on(hit.at), there);

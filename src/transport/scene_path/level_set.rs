@@ -143,7 +143,7 @@ impl<T: Sample> PartnerSet for Standing<'_, T> {
     }
 
     fn normal_at(&self, at: &CellPoint) -> Option<Normal> {
-        self.field.normal(at)
+        self.field.hit_normal(at)
     }
 
     fn is_buried(&self, isovalue: f32, point: DVec3) -> bool {

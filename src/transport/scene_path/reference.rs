@@ -163,16 +163,10 @@ impl<T: Sample> Tracer<'_, T> {
             (0..each).for_each(|path| self.path(origin, direction, first, &sampler, path, sum, counts));
         }
         let under = |environment: usize| {
-            let mut out = Radiance::default();
-            for c in 0..3 {
-                let of = |sum: &Brought| sum.near[c] + sum.distant.get(environment).map_or(0.0, |d| d[c]);
-                let means = sums.each_ref().map(|sum| of(sum) / f64::from(each));
-                let mean = means.iter().sum::<f64>() / REPLICATES as f64;
-                let spread: f64 = means.iter().map(|m| (m - mean).powi(2)).sum();
-                let variance = spread / (REPLICATES * (REPLICATES - 1)) as f64;
-                (out.mean[c], out.stderr[c]) = (mean, variance.sqrt());
-            }
-            out
+            let of = |sum: &Brought| -> [f64; 3] {
+                std::array::from_fn(|c| sum.near[c] + sum.distant.get(environment).map_or(0.0, |d| d[c]))
+            };
+            Radiance::of_replicates(&sums.each_ref().map(of), each)
         };
         (0..self.environments.len().max(1)).map(under).collect()
     }

@@ -162,11 +162,11 @@ impl<'a, T: Sample> World<'a, T> {
         Origin { place: Place::Level(set, start), in_world: placement.on_level(&start) }
     }
 
-    /// Outward normal of a point of a level set.
+    /// Outward normal of a point where a level set was met.
     pub(super) fn normal(&self, set: usize, at: &CellPoint) -> Option<Normal> {
         match set.checked_sub(1) {
             Some(partner) => self.partners[partner].normal_at(at),
-            None => self.field.normal(at),
+            None => self.field.hit_normal(at),
         }
     }
 
