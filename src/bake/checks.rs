@@ -7,9 +7,9 @@ use crate::sampling::hash::{key, uniform};
 use crate::surface::Mesh;
 use crate::transfer::checks::{CheckPoints, NO_ESCAPE, escape};
 use crate::transfer::{Lattice, Layout, Selection};
-use crate::transport::{Bake, PathEnd, Settings, SurfacePoints, estimates, replay_texel};
-use crate::volume::{Sample, Volume, with_samples};
-use glam::{DVec3, Vec3};
+use crate::transport::{Bake, PathEnd, ReplayedPath, Settings, SurfacePoints, estimates, points_in_cells, replay_texel};
+use crate::volume::{Volume, with_samples};
+use glam::Vec3;
 use rayon::prelude::*;
 
 /// Check points of an isosurface: one for so many vertices, within bounds.
@@ -29,8 +29,8 @@ pub(super) fn count_of(vertices: usize) -> usize {
     (vertices / VERTICES_A_POINT).clamp(FEWEST, MOST)
 }
 
-/// `count` points of an isosurface, uniform over its area, each in a triangle of the mesh and then moved onto the level set
-/// along its gradient; fewer where the field has no gradient.
+/// `count` points of an isosurface, uniform over its area, inside cells and off the vertices; fewer where triangles have no such
+/// point.
 pub(super) fn draw_on(
     (volume, pyramid): (&Volume, &Pyramid),
     mesh: &Mesh,
@@ -38,61 +38,9 @@ pub(super) fn draw_on(
     count: usize,
     seed: u64,
 ) -> SurfacePoints {
-    let world_from_grid = volume.world_from_grid();
-    let corner = |v: u32| DVec3::from_array(mesh.positions_in_grid[v as usize].map(f64::from));
-    let mut areas = Vec::with_capacity(mesh.triangles.len());
-    let mut total = 0.0;
-    for t in &mesh.triangles {
-        let [a, b, c] = t.map(|v| world_from_grid.point(corner(v)));
-        total += (b - a).cross(c - a).length();
-        areas.push(total);
-    }
-    let mut points = SurfacePoints { isovalue, ..SurfacePoints::default() };
-    if total.is_nan() || total <= 0.0 {
-        return points;
-    }
-    let raw = volume.raw_from_value(isovalue) as f32;
-    with_samples!(volume.samples(), s => {
-        let field = LevelField::new(volume, s, pyramid);
-        for i in 0..count as u32 {
-            let [pick, low, s, t] = [0, 1, 2, 3].map(|d| f64::from(uniform(seed, PLACES, i, d)));
-            // Stratified by area; 24 bits are not enough for millions of triangles.
-            let place = (f64::from(i) + pick + low / f64::from(1u32 << 24)) / count as f64 * total;
-            let triangle = areas.partition_point(|&a| a <= place).min(areas.len() - 1);
-            let (s, t) = if s + t > 1.0 { (1.0 - s, 1.0 - t) } else { (s, t) };
-            let [a, b, c] = mesh.triangles[triangle].map(corner);
-            let flat = a + (b - a) * s + (c - a) * t;
-            if let Some((position, normal)) = onto(&field, flat.as_vec3(), raw) {
-                points.positions_in_grid.push(position);
-                points.normals.push(normal);
-            }
-        }
-    });
-    points
-}
-
-/// The place of the level set of `isovalue` near a position, by Newton's steps along the gradient of the smoothed field, and the
-/// normal there.
-fn onto<T: Sample>(field: &LevelField<'_, T>, position: Vec3, isovalue: f32) -> Option<([f32; 3], [f32; 3])> {
-    const STEPS: usize = 4;
-    const FARTHEST: f32 = 0.5;
-    let mut place = position;
-    for _ in 0..STEPS {
-        let at = field.locate(place.to_array().map(f64::from));
-        let gradient = field.raw_gradient(&at);
-        let square = gradient.length_squared();
-        if square.is_nan() || square <= 0.0 {
-            break;
-        }
-        let step = gradient * ((isovalue - field.raw_value(&at)) / square);
-        // Where it does not lead back the triangle is near enough.
-        if step.length() > FARTHEST || (place + step - position).length() > FARTHEST {
-            break;
-        }
-        place += step;
-    }
-    let at = field.locate(place.to_array().map(f64::from));
-    Some((at.in_grid().to_array(), field.normal(&at)?.vec().to_array()))
+    let drawn = points_in_cells(volume, pyramid, mesh, isovalue, count as u32, key(seed, PLACES)).smoothed;
+    let (positions_in_grid, normals) = drawn.into_iter().map(|p| (p.position_in_grid, p.normal)).unzip();
+    SurfacePoints { isovalue, positions_in_grid, normals, own: Vec::new() }
 }
 
 /// Points of all isosurfaces together: uniform over the volume of the cells whose corners differ, each with the isovalue
@@ -142,7 +90,7 @@ impl Request<'_> {
         let bake = Bake { points: Some(points), ..bake };
         let escapes_of = |&i: &usize| -> Result<Vec<u32>> {
             let Some(found) = replay_texel(&bake, [i, 0, 0])? else { return Ok(vec![NO_ESCAPE; PATHS as usize]) };
-            let code = |path: &crate::transport::ReplayedPath| match path.ended {
+            let code = |path: &ReplayedPath| match path.ended {
                 PathEnd::Escaped => {
                     escape(Vec3::from_array(path.last_direction_in_world), path.vertices_in_grid.len() - 1)
                 }

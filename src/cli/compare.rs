@@ -13,7 +13,7 @@ use super::light::parse_factor;
 use super::light::{open_probe, parse_triple};
 use super::{Outcome, text};
 use crate::compare::{
-    BudgetRow, Comparison, Distance, GeometryComparison, LitSurface, PhotonComparison, Question, check_geometry,
+    BudgetRow, Comparison, Distance, GeometryComparison, LitSurface, PhotonComparison, Question, Vertices, check_geometry,
     compare, compare_geometry, compare_photons, unburied,
 };
 use crate::error::Error;
@@ -207,8 +207,12 @@ impl Compare {
     ) -> Outcome<Vec<Row>> {
         let Subject { volume, pyramid, geometry, .. } = subject;
         let geometry = geometry.as_ref();
-        let layout = subject.textures[0].layout();
+        let at_vertices = subject.at_vertices(isovalue)?;
+        let stores = at_vertices.as_ref().unwrap_or(&subject.textures);
+        let vertices = stores[0].mesh()?.map(|mesh| Vertices::new(isovalue, mesh));
+        let layout = stores[0].layout();
         let orientation = Orientation::new(volume.up, self.env_rotate)?.in_frame(self.env_frame.into());
+        // In the order of the vertices of a store.
         let surface = Isosurface::extract(volume, pyramid, isovalue)?;
         let cells = match self.against {
             Against::Geometry => Some(points_in_cells(volume, pyramid, surface.mesh(), isovalue, self.points, seed)),
@@ -221,7 +225,7 @@ impl Compare {
         let points = unburied(volume, pyramid, geometry, isovalue, points);
         let luminaires = geometry.map_or(&[][..], |geometry| geometry.luminaires());
         let scales: Vec<[f64; 3]> = luminaires.iter().map(|l| factor_of(&l.name, &self.luminaires)).collect();
-        let textures: Vec<&dyn BrickSource> = subject.textures.iter().map(|t| t as _).collect();
+        let textures: Vec<&dyn BrickSource> = stores.iter().map(|t| t as _).collect();
         let settings = subject.baked_by(self.texel_rays);
         let mut rows = Vec::new();
         for (p, probe) in probes.iter().enumerate() {
@@ -238,6 +242,7 @@ impl Compare {
                 albedo: self.albedo.0,
                 emission: self.emission.0,
                 scales: &scales,
+                vertices: vertices.as_ref(),
             };
             let question = Question {
                 surface: lit,

@@ -80,6 +80,7 @@ pub(super) fn weigh(asked: &Asked<'_>) -> Outcome<(f64, Vec<Weighed>)> {
             albedo: [asked.albedo; 3],
             emission: [0.0; 3],
             scales: &[],
+            vertices: None,
         },
         layers: asked.layers,
         seed: asked.seed,

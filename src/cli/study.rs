@@ -173,6 +173,7 @@ impl Study {
             albedo: self.albedo.map_or(of_scene, |albedo| albedo.0),
             emission: emission.map_or([0.0; 3], |rule| rule.at(chosen.value)),
             scales: &[],
+            vertices: None,
         };
         let bench = Bench {
             surface: lit,

@@ -27,7 +27,7 @@ mod tests;
 pub use geometry::{GeometryComparison, check_geometry, compare_geometry};
 pub use photon::{PhotonComparison, PhotonQuestion, compare_photons};
 pub(crate) use surface::Texels;
-pub use surface::{LitSurface, unburied};
+pub use surface::{LitSurface, Vertices, unburied};
 
 use crate::error::Result;
 use crate::geom::Direction;

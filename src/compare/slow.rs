@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::relight::Tail;
 use crate::sampling::hash::key;
 use crate::sh::Coefficients;
-use crate::transfer::{BRICK, Lattice, Layers, validity};
+use crate::transfer::{Lattice, Layers, validity};
 use crate::transport::Settings;
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 pub(super) fn interpolated(q: &Question<'_>, stored: &[[f64; 3]]) -> Result<[Vec<[f64; 3]>; 2]> {
     let (layout, surface) = (q.textures[0].layout(), &q.surface);
     let corners: Vec<Vec<([usize; 3], f64)>> =
-        surface.points.iter().map(|p| trilinear(layout.lattice, p.position_in_grid)).collect();
+        surface.points.iter().map(|p| surface.around(layout.lattice, p)).collect();
     let mut texels: BTreeMap<[usize; 3], u32> = BTreeMap::new();
     for (texel, _) in corners.iter().flatten() {
         texels.insert(*texel, stored_rays(q, *texel)?);
@@ -159,9 +159,8 @@ pub(crate) fn trilinear(lattice: Lattice, position_in_grid: [f32; 3]) -> Vec<([u
 
 /// Rays of a texel in the store; 0 where it has no level set or was not baked.
 fn stored_rays(q: &Question<'_>, texel: [usize; 3]) -> Result<u32> {
-    let Some(brick) = q.textures[0].brick(texel.map(|t| t / BRICK))? else { return Ok(0) };
-    let [x, y, z] = texel.map(|t| t % BRICK);
-    let t = x + BRICK * (y + BRICK * z);
+    let (brick, t) = q.textures[0].layout().lattice.place_of(texel);
+    let Some(brick) = q.textures[0].brick(brick)? else { return Ok(0) };
     // An open texel has the closed form, which any number of paths gives that all escape.
     Ok(if brick.validity[t] & validity::OPEN != 0 { q.texel_rays } else { brick.rays[t] })
 }

@@ -1,14 +1,20 @@
 //! A surface under a light, and what each link of the chain says of it.
 
-use super::slow::TexelLight;
+use super::slow::{TexelLight, trilinear};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
-use crate::relight::{Contracted, Light, LookupReport, LuminaireLight, Material, Textures, contract};
+use crate::relight::{
+    Contracted, Light, LookupReport, LuminaireLight, Material, Textures, TriangleIndex, TriangleOrder, VertexRadiance,
+    contract,
+};
 use crate::sampling::DirectionalSource;
 use crate::scene::geometry::Geometry;
 use crate::sh::Coefficients;
-use crate::transfer::{BrickSource, Layers, Layout, Selection, texels_of_isosurface};
-use crate::transport::{Bake, Radiance, SceneReference, Settings, SurfacePoint, buried, direct, estimates};
+use crate::surface::Mesh;
+use crate::transfer::{BrickSource, Lattice, Layers, Layout, Selection, texels_of_isosurface};
+use crate::transport::{
+    Bake, Radiance, SceneReference, Settings, SurfacePoint, SurfacePoints, buried, direct, estimates,
+};
 use crate::volume::Volume;
 use std::collections::BTreeMap;
 
@@ -37,6 +43,29 @@ pub struct LitSurface<'a> {
     pub emission: [f32; 3],
     /// Factors on the power of the luminaires, in their order; those not given are 1.
     pub scales: &'a [[f64; 3]],
+    /// The mesh whose vertices the textures are of; none where they have texels.
+    pub vertices: Option<&'a Vertices>,
+}
+
+/// The mesh of an isosurface whose vertices have transfer of their own.
+pub struct Vertices {
+    mesh: Mesh,
+    sorted: TriangleOrder,
+    points: SurfacePoints,
+}
+
+impl Vertices {
+    /// A mesh with normals, of an isovalue in the file's values.
+    pub fn new(isovalue: f64, mesh: Mesh) -> Self {
+        let (positions_in_grid, normals) = (mesh.positions_in_grid.clone(), mesh.normals.clone());
+        let points = SurfacePoints { isovalue, positions_in_grid, normals, own: Vec::new() };
+        Self { sorted: TriangleOrder::new(&mesh), mesh, points }
+    }
+
+    /// Its triangles by the cells that hold them.
+    pub(super) fn index(&self) -> TriangleIndex<'_> {
+        TriangleIndex::new(&self.mesh, &self.sorted)
+    }
 }
 
 /// Those of some points of an isosurface that no volume beside it buries.
@@ -96,7 +125,17 @@ impl LitSurface<'_> {
         let contracted = self.contracted(textures, &light, &material)?;
         let positions: Vec<[f32; 3]> = self.points.iter().map(|p| p.position_in_grid).collect();
         let normals: Vec<[f32; 3]> = self.points.iter().map(|p| p.normal).collect();
-        let lit = contracted.look_up(&positions, &normals, &light, &material);
+        let lit = match self.vertices {
+            Some(vertices) => {
+                let (index, mut report) = (vertices.index(), LookupReport::default());
+                let places = positions.iter().zip(&normals);
+                let radiance = places.map(|(&position, &normal)| {
+                    contracted.between_vertices(&index, position, normal, &light, &material, &mut report)
+                });
+                VertexRadiance { radiance: radiance.collect(), report }
+            }
+            None => contracted.look_up(&positions, &normals, &light, &material),
+        };
         if lit.report.unbaked > 0 {
             let LookupReport { unbaked, lookups, .. } = lit.report;
             return Err(Error::argument(
@@ -127,7 +166,10 @@ impl LitSurface<'_> {
             }
         };
         let lattice = textures.layout().lattice;
-        let bricks = texels_of_isosurface(self.volume, lattice, self.isovalue).bricks();
+        let bricks = match self.vertices {
+            Some(_) => Selection::all(lattice).bricks(),
+            None => texels_of_isosurface(self.volume, lattice, self.isovalue).bricks(),
+        };
         contract(&textures, &bricks, light, material)
     }
 
@@ -148,6 +190,14 @@ impl LitSurface<'_> {
         if self.geometry.is_some() { layers.coloured() } else { layers }
     }
 
+    /// What a lookup at a point reads, with weights: texels, or vertices.
+    pub(crate) fn around(&self, lattice: Lattice, point: &SurfacePoint) -> Vec<([usize; 3], f64)> {
+        let Some(vertices) = self.vertices else { return trilinear(lattice, point.position_in_grid) };
+        let Some((triangle, weights)) = vertices.index().nearest(point.position_in_grid) else { return Vec::new() };
+        let each = triangle.iter().zip(weights).filter(|(_, w)| *w > 0.0);
+        each.map(|(&v, w)| ([v as usize, 0, 0], f64::from(w))).collect()
+    }
+
     /// Texels, each with its number of paths, as `path` makes them, unrounded; those with a level set.
     pub(crate) fn texels(&self, layout: &Layout, settings: &Settings, wanted: &[([usize; 3], u32)]) -> Result<Texels> {
         let selection = Selection::empty(layout.lattice);
@@ -159,6 +209,7 @@ impl LitSurface<'_> {
     /// A bake of texels of the volume, among what stands around it.
     pub(crate) fn bake<'b>(&'b self, layout: &'b Layout, settings: &'b Settings, selection: &'b Selection) -> Bake<'b> {
         let alone = Bake::new(self.volume, self.pyramid, layout, settings, selection);
-        Bake { caustics: self.caustics, ..alone.among(self.geometry) }
+        let points = self.vertices.map(|vertices| &vertices.points);
+        Bake { caustics: self.caustics, points, ..alone.among(self.geometry) }
     }
 }

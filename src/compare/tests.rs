@@ -83,6 +83,7 @@ impl Scene {
             albedo: [0.7, 0.5, 0.3],
             emission: [0.0; 3],
             scales: &[],
+            vertices: None,
         };
         Question { surface, textures, baked_by: Some(baked_by), paths: 64, texel_rays, seed: 7 }
     }

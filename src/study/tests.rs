@@ -100,6 +100,7 @@ impl Ground {
             albedo: [0.7; 3],
             emission: [0.0; 3],
             scales: &[],
+            vertices: None,
         };
         Study { surface, paths, texel_rays, layers, seed: 11 }
     }

@@ -67,6 +67,7 @@ fn a_furnace_is_uniform_and_the_rows_sum() {
         albedo: [0.5; 3],
         emission: [0.5; 3],
         scales: &[],
+        vertices: None,
     };
     // As `baked` does it.
     let settings = Settings {

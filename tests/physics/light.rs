@@ -328,7 +328,7 @@ fn previews_show_the_shadow_of_a_split_sun() {
     let towards = DVec3::new(0.6, 0.0, 0.8);
     let sun = SunLight { direction_in_world: towards, angular_radius: 0.005, flux: [2.0; 3], rays: 4 };
     let (pyramid, contracted) = (&scene.pyramid, &contracted);
-    let subject = Subject { volume, pyramid, isovalue: 0.0, contracted, light: &black, material: &material };
+    let subject = Subject { volume, pyramid, isovalue: 0.0, contracted, triangles: None, light: &black, material: &material };
     let dark = render(&subject, &[], None, &camera, &options);
     let suns = [sun; 2];
     let one = render(&subject, &suns[..1], None, &camera, &options);

@@ -49,6 +49,14 @@ impl Subject {
         is_path.then_some(Settings { layers, rays, seed: identity.seed, target: None, positive: identity.positive })
     }
 
+    /// The textures of the vertices of an isosurface, one a group, where they have transfer of their own.
+    pub(super) fn at_vertices(&self, isovalue: f64) -> Result<Option<Vec<Store>>> {
+        let Some(surface) = self.textures[0].surface(isovalue)? else { return Ok(None) };
+        let groups = surface.identity().groups();
+        let others = groups.iter().skip(1).map(|group| surface.group(group)).collect::<Result<Vec<_>>>()?;
+        Ok(Some(std::iter::once(surface).chain(others).collect()))
+    }
+
     /// Whether light by way of mirrors and glass was baked.
     pub(super) fn has_caustics(&self) -> bool {
         !matches!(self.textures[0].identity().estimator, EstimatorIdentity::ScenePath { caustics: false, .. })

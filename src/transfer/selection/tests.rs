@@ -44,7 +44,7 @@ fn a_brick_is_touched_where_one_of_its_texels_is_in_the_set() {
             selection.insert(texel);
             let both = Selection::empty(lattice).with(selection.clone());
             for b in grid3::all([bx, by, bz]) {
-                let holds = (0..3).all(|a| texel[a] / BRICK == b[a]);
+                let holds = (0..3).all(|a| texel[a] / crate::transfer::BRICK == b[a]);
                 assert_eq!(selection.touches_brick(b), holds, "{texel:?} {b:?}");
                 assert_eq!(both.touches_brick(b), holds);
             }
