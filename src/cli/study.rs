@@ -11,7 +11,7 @@ use super::light::parse_triple;
 use super::options::{check_memory, parse_bytes};
 use super::{Outcome, output, scene, text};
 use crate::bake::{Estimator, bytes_of_scene_texel};
-use crate::compare::{LitSurface, unburied};
+use crate::compare::{LitSurface, Vertices, unburied};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::level::Pyramid;
@@ -161,6 +161,7 @@ impl Study {
         let rule = file.as_ref().and_then(|f| f.description.albedo.as_ref()).map(|a| a.rule(volume.value_range()));
         let of_scene = rule.map_or([0.7; 3], |rule| rule.albedo(chosen.value));
         let emission = file.as_ref().and_then(|f| f.description.emission.as_ref());
+        let vertices = Vertices::new(chosen.value, surface.mesh().clone());
         let lit = LitSurface {
             volume,
             pyramid: &pyramid,
@@ -173,7 +174,7 @@ impl Study {
             albedo: self.albedo.map_or(of_scene, |albedo| albedo.0),
             emission: emission.map_or([0.0; 3], |rule| rule.at(chosen.value)),
             scales: &[],
-            vertices: None,
+            vertices: Some(&vertices),
         };
         let bench = Bench {
             surface: lit,
@@ -315,11 +316,14 @@ impl Study {
             estimator,
             rays,
             bands: bands.to_vec(),
-            ratio,
+            ratio: Some(ratio),
             kept_as: Precision::Half,
         };
         let mut all = Vec::new();
         let mut add = |curve: &str, label: String, setting| all.push((curve.to_string(), label, setting));
+        for &n in &ladder {
+            add("path, at vertices", format!("{n}"), Setting { ratio: None, ..setting(Path, n, &BANDS, 1.0) });
+        }
         for &n in &ladder {
             add("path", format!("{n}"), setting(Path, n, &BANDS, 1.0));
         }
@@ -334,6 +338,9 @@ impl Study {
         }
         for n in every(2).into_iter().filter(|n| !is_scene && (64..=256).contains(n)) {
             add("photon", format!("{n}"), setting(Photon, n, &BANDS, 1.0));
+        }
+        for n in every(2) {
+            add("path, texture 2", format!("{n}"), setting(Path, n, &BANDS, 2.0));
         }
         for n in every(2) {
             add("path, texture ¼", format!("{n}"), setting(Path, n, &BANDS, 0.25));
@@ -359,7 +366,7 @@ impl Study {
         bands.dedup();
         let mut lattices: Vec<Lattice> = Vec::new();
         for (_, _, setting) in settings {
-            let lattice = Lattice::from_ratio(bench.surface.volume.dims(), setting.ratio)?;
+            let lattice = setting.lattice(&bench.surface)?;
             if lattices.iter().all(|l| l.texels() != lattice.texels()) {
                 lattices.push(lattice);
             }
@@ -367,6 +374,7 @@ impl Study {
         Ok(bench.references(&bands, &lattices)?)
     }
 
+    /// The textures of the largest setting must fit.
     fn check_memory(
         &self,
         volume: &Volume,
@@ -374,7 +382,8 @@ impl Study {
         isovalue: f64,
         all: &[(String, String, Setting)],
     ) -> Outcome {
-        let lattice = Lattice::from_ratio(volume.dims(), 1.0)?;
+        let largest_ratio = all.iter().filter_map(|(_, _, setting)| setting.ratio).fold(1.0, f64::max);
+        let lattice = Lattice::from_ratio(volume.dims(), largest_ratio)?;
         let bricks = texels_of_isosurface(volume, lattice, isovalue).bricks().len() as u64;
         let largest = most_bytes(all, geometry)?;
         // Two textures at once, and the cache of `gather`.
@@ -446,7 +455,7 @@ fn kept(row: &Row) -> Kept {
 /// Spread of repeated bakes, over their mean: wall-clock time and processor time.
 fn clock_noise(bench: &Bench<'_>, seed: u64) -> Outcome<[f64; 2]> {
     let setting =
-        Setting { estimator: Estimator::Path, rays: 16, bands: BANDS.to_vec(), ratio: 1.0, kept_as: Precision::Half };
+        Setting { estimator: Estimator::Path, rays: 16, bands: BANDS.to_vec(), ratio: Some(1.0), kept_as: Precision::Half };
     // The first one warms caches.
     let clock = forecast::clock();
     bench.bake(&setting, seed, &clock)?;

@@ -43,7 +43,7 @@ pub struct LitSurface<'a> {
     pub emission: [f32; 3],
     /// Factors on the power of the luminaires, in their order; those not given are 1.
     pub scales: &'a [[f64; 3]],
-    /// The mesh whose vertices the textures are of; none where they have texels.
+    /// The mesh whose vertices textures may be of ([`Lattice::of_vertices`]); none where all have texels.
     pub vertices: Option<&'a Vertices>,
 }
 
@@ -60,6 +60,11 @@ impl Vertices {
         let (positions_in_grid, normals) = (mesh.positions_in_grid.clone(), mesh.normals.clone());
         let points = SurfacePoints { isovalue, positions_in_grid, normals, own: Vec::new() };
         Self { sorted: TriangleOrder::new(&mesh), mesh, points }
+    }
+
+    /// As textures of its vertices have it.
+    pub fn lattice(&self) -> Lattice {
+        Lattice::of_vertices(self.mesh.positions_in_grid.len())
     }
 
     /// Its triangles by the cells that hold them.
@@ -125,7 +130,8 @@ impl LitSurface<'_> {
         let contracted = self.contracted(textures, &light, &material)?;
         let positions: Vec<[f32; 3]> = self.points.iter().map(|p| p.position_in_grid).collect();
         let normals: Vec<[f32; 3]> = self.points.iter().map(|p| p.normal).collect();
-        let lit = match self.vertices {
+        let at_vertices = textures.first().is_some_and(|texture| texture.layout().lattice.is_of_vertices());
+        let lit = match self.vertices.filter(|_| at_vertices) {
             Some(vertices) => {
                 let (index, mut report) = (vertices.index(), LookupReport::default());
                 let places = positions.iter().zip(&normals);
@@ -166,9 +172,9 @@ impl LitSurface<'_> {
             }
         };
         let lattice = textures.layout().lattice;
-        let bricks = match self.vertices {
-            Some(_) => Selection::all(lattice).bricks(),
-            None => texels_of_isosurface(self.volume, lattice, self.isovalue).bricks(),
+        let bricks = match lattice.is_of_vertices() {
+            true => Selection::all(lattice).bricks(),
+            false => texels_of_isosurface(self.volume, lattice, self.isovalue).bricks(),
         };
         contract(&textures, &bricks, light, material)
     }
@@ -192,7 +198,9 @@ impl LitSurface<'_> {
 
     /// What a lookup at a point reads, with weights: texels, or vertices.
     pub(crate) fn around(&self, lattice: Lattice, point: &SurfacePoint) -> Vec<([usize; 3], f64)> {
-        let Some(vertices) = self.vertices else { return trilinear(lattice, point.position_in_grid) };
+        let Some(vertices) = self.vertices.filter(|_| lattice.is_of_vertices()) else {
+            return trilinear(lattice, point.position_in_grid);
+        };
         let Some((triangle, weights)) = vertices.index().nearest(point.position_in_grid) else { return Vec::new() };
         let each = triangle.iter().zip(weights).filter(|(_, w)| *w > 0.0);
         each.map(|(&v, w)| ([v as usize, 0, 0], f64::from(w))).collect()
@@ -209,7 +217,8 @@ impl LitSurface<'_> {
     /// A bake of texels of the volume, among what stands around it.
     pub(crate) fn bake<'b>(&'b self, layout: &'b Layout, settings: &'b Settings, selection: &'b Selection) -> Bake<'b> {
         let alone = Bake::new(self.volume, self.pyramid, layout, settings, selection);
-        let points = self.vertices.map(|vertices| &vertices.points);
+        let of_vertices = layout.lattice.is_of_vertices();
+        let points = self.vertices.filter(|_| of_vertices).map(|vertices| &vertices.points);
         Bake { caustics: self.caustics, points, ..alone.among(self.geometry) }
     }
 }

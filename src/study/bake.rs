@@ -3,7 +3,7 @@
 use super::{Clock, Setting, Study};
 use crate::bake::Estimator;
 use crate::error::{Error, Result};
-use crate::transfer::{BrickSource, Lattice, Layers, Layout, MemoryTexture, texels_of_isosurface};
+use crate::transfer::{BrickSource, Layers, Layout, MemoryTexture, Selection, texels_of_isosurface};
 use crate::transport::{
     Bake, ChunkBricks, GatherSettings, PhotonBake, Progress, Settings, Summary, bake, gather, photon_bake,
 };
@@ -58,10 +58,13 @@ impl Study<'_> {
             return Err(Error::argument("estimator", setting.estimator.name(), "path in a scene", remedy));
         }
         let (volume, isovalue) = (self.surface.volume, self.surface.isovalue);
-        let lattice = Lattice::from_ratio(volume.dims(), setting.ratio)?;
+        let lattice = setting.lattice(&self.surface)?;
         let layers = self.surface.layers_of(Layers::new(setting.bands.clone())?);
         let layout = Layout { lattice, layers: layers.clone() };
-        let selection = texels_of_isosurface(volume, lattice, isovalue);
+        let selection = match lattice.is_of_vertices() {
+            true => Selection::all(lattice),
+            false => texels_of_isosurface(volume, lattice, isovalue),
+        };
         let settings = Settings { layers, rays: setting.rays, seed, target: None, positive: false };
         let job = self.surface.bake(&layout, &settings, &selection);
         let mut textures = MemoryTextures::new(&job)?;

@@ -35,7 +35,7 @@ mod tests;
 pub use bake::{Baked, MemoryTextures};
 
 use crate::bake::Estimator;
-use crate::compare::slow::{between, radiance_of, trilinear};
+use crate::compare::slow::{between, radiance_of};
 use crate::compare::{BandLimited, BudgetRow, Distance, LitSurface, Texels, distance, mean_square};
 use crate::error::{Error, Result};
 use crate::sampling::DirectionalSource;
@@ -71,10 +71,27 @@ pub struct Setting {
     pub rays: u32,
     /// Bands of each layer.
     pub bands: Vec<usize>,
-    /// Texels for each sample along an axis.
-    pub ratio: f64,
+    /// Texels for each sample along an axis; at the vertices of the surface, if `None`.
+    pub ratio: Option<f64>,
     /// How its coefficients are kept; a store has [`Precision::Half`].
     pub kept_as: Precision,
+}
+
+impl Setting {
+    /// Where the texels of a surface sit.
+    ///
+    /// # Errors
+    /// As [`Lattice::from_ratio`]; when it is to be at the vertices and the surface has none.
+    pub fn lattice(&self, surface: &LitSurface<'_>) -> Result<Lattice> {
+        match (self.ratio, surface.vertices) {
+            (Some(ratio), _) => Lattice::from_ratio(surface.volume.dims(), ratio),
+            (None, Some(vertices)) => Ok(vertices.lattice()),
+            (None, None) => {
+                let remedy = "give the mesh of the surface, or a ratio";
+                Err(Error::argument("ratio", "none, of a surface without a mesh", "its vertices", remedy))
+            }
+        }
+    }
 }
 
 /// The references of a study.
@@ -152,7 +169,7 @@ impl Study<'_> {
 
     /// The texels around the points as `path` makes them, unrounded.
     fn texels(&self, layout: &Layout, settings: &Settings) -> Result<Texels> {
-        let around = self.surface.points.iter().flat_map(|p| trilinear(layout.lattice, p.position_in_grid));
+        let around = self.surface.points.iter().flat_map(|p| self.surface.around(layout.lattice, p));
         let distinct: BTreeMap<[usize; 3], ()> = around.map(|(texel, _)| (texel, ())).collect();
         let wanted: Vec<([usize; 3], u32)> = distinct.into_keys().map(|texel| (texel, settings.rays)).collect();
         self.surface.texels(layout, settings, &wanted)
@@ -171,7 +188,7 @@ impl Study<'_> {
         let light = self.surface.texel_light(light);
         let lit: BTreeMap<[usize; 3], [f64; 3]> =
             texels.iter().map(|(t, groups)| (*t, radiance_of(layers, groups, kept, &light))).collect();
-        let at = |p: &SurfacePoint| between(&trilinear(lattice, p.position_in_grid), &lit);
+        let at = |p: &SurfacePoint| between(&self.surface.around(lattice, p), &lit);
         self.surface.points.iter().zip(otherwise).map(|(p, other)| at(p).unwrap_or(*other)).collect()
     }
 

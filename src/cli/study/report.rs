@@ -23,7 +23,7 @@ pub(super) fn csv(rows: &[Row]) -> String {
             "{},{},{bands},{},{},{:.4},{:.4},{},{},{},{:.6},{:.6},{:.6},{:.6},{:.6},{},{total:e}\n",
             s.estimator.name(),
             s.rays,
-            s.ratio,
+            s.ratio.map_or("vertices".into(), |ratio| ratio.to_string()),
             s.kept_as.name(),
             r.wall,
             r.cpu,
@@ -57,7 +57,7 @@ pub(super) fn row_json(r: &Row) -> Value {
 /// The forecast for a bake by `path` of the default layers.
 fn forecast_of(row: &Row, pilots: &[Weighed]) -> Option<Forecast> {
     let fits = row.setting.estimator == Estimator::Path && row.setting.bands == BANDS && row.curve != KEPT;
-    let pilot = pilots.iter().find(|w| fits && w.ratio == row.setting.ratio)?;
+    let pilot = pilots.iter().find(|w| fits && Some(w.ratio) == row.setting.ratio)?;
     Some(pilot.pilot.forecast(row.setting.rays))
 }
 
