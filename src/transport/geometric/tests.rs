@@ -33,7 +33,7 @@ fn points_lie_on_the_surface_inside_cells_and_evenly() {
         assert!(points.exact.len() > 1950, "{} points, {} missed", points.exact.len(), points.missed);
         let raw = f64::from(volume.raw_from_value(c) as f32);
         let surface = TrilinearSurface::new(&volume, raw);
-        let (low, high) = volume.raw_range;
+        let (low, high) = volume.raw_range();
         for (at, smoothed) in points.exact.iter().zip(&points.smoothed) {
             // Some roundings of the largest number in the cell.
             let slack = 64.0 * f64::EPSILON * f64::from(low.abs().max(high.abs()));
