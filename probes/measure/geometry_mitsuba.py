@@ -33,6 +33,8 @@ ALBEDO = 0.7
 # Of the finer mesh's distance from the trilinear surface and of f32, in voxels of the volume.
 OFFSET = 0.02
 RAYS_AT_ONCE = 1 << 20
+# Times that a pixel of the environment is repeated along each axis.
+REPEATED = 8
 
 
 def read(path: Path) -> tuple:
@@ -92,7 +94,11 @@ def environment(name: str) -> dict:
     # World has z up. Isolume puts the centre of the image at +X of glTF, which is +x of the world, and the right of it towards
     # +Z of glTF, −y of the world; Mitsuba puts the centre at +z of its own frame, the right towards −x, up is +y.
     world_from_image = [[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
-    return {"type": "envmap", "filename": name, "to_world": mi.ScalarTransform4f(world_from_image)}
+    # Isolume takes an image as constant over each pixel, Mitsuba interpolates: repeated pixels leave little of that. Probes
+    # hold tiny negative numbers, which isolume sets to 0.
+    pixels = np.maximum(np.array(mi.Bitmap(name).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)), 0)
+    pixels = np.repeat(np.repeat(pixels, REPEATED, axis=0), REPEATED, axis=1)
+    return {"type": "envmap", "bitmap": mi.Bitmap(pixels), "to_world": mi.ScalarTransform4f(world_from_image)}
 
 
 def main() -> None:

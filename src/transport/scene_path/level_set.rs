@@ -115,6 +115,7 @@ pub(super) trait PartnerSet: Sync {
         limit: f64,
         counts: &mut Counts,
     ) -> Along;
+    fn smoothed_normal_at(&self, at: &CellPoint) -> Option<Normal>;
     fn normal_at(&self, at: &CellPoint) -> Option<Normal>;
     fn is_buried(&self, isovalue: f32, point: DVec3) -> bool;
 }
@@ -140,6 +141,10 @@ impl<T: Sample> PartnerSet for Standing<'_, T> {
         counts: &mut Counts,
     ) -> Along {
         self.placement.along(&self.field, isovalue, on, origin, direction, limit, counts)
+    }
+
+    fn smoothed_normal_at(&self, at: &CellPoint) -> Option<Normal> {
+        self.field.normal(at)
     }
 
     fn normal_at(&self, at: &CellPoint) -> Option<Normal> {

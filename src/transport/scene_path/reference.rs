@@ -239,10 +239,14 @@ impl<T: Sample> Tracer<'_, T> {
                     Some((place, normal, set)) => (place, normal, self.albedo(set)),
                     None => return,
                 },
-                Ok(Met::Level(set, cell)) => match self.world.normal(set, &cell) {
-                    Some(normal) => (self.world.on_level(set, Start::on(cell)), normal, self.albedo(set)),
-                    None => return,
-                },
+                Ok(Met::Level(set, cell)) => {
+                    // What is looked at is shaded as in pictures.
+                    let looked_at = turn == 0;
+                    let normal =
+                        if looked_at { self.world.smoothed_normal(set, &cell) } else { self.world.normal(set, &cell) };
+                    let Some(normal) = normal else { return };
+                    (self.world.on_level(set, Start::on(cell)), normal, self.albedo(set))
+                }
                 Ok(Met::Wall(hit)) => {
                     let in_world = origin.in_world + hit.distance * direction;
                     let place = Origin { place: Place::Wall(hit.part), in_world };

@@ -162,7 +162,15 @@ impl<'a, T: Sample> World<'a, T> {
         Origin { place: Place::Level(set, start), in_world: placement.on_level(&start) }
     }
 
-    /// Outward normal of a point where a level set was met.
+    /// Outward normal that a point of a level set is shaded about where it is looked at.
+    pub(super) fn smoothed_normal(&self, set: usize, at: &CellPoint) -> Option<Normal> {
+        match set.checked_sub(1) {
+            Some(partner) => self.partners[partner].smoothed_normal_at(at),
+            None => self.field.normal(at),
+        }
+    }
+
+    /// Outward normal of a point where a path met a level set.
     pub(super) fn normal(&self, set: usize, at: &CellPoint) -> Option<Normal> {
         match set.checked_sub(1) {
             Some(partner) => self.partners[partner].normal_at(at),
