@@ -37,13 +37,19 @@ impl Subject {
     /// How its texels were made, with another number of rays; `None` where they cannot be made again.
     pub(super) fn baked_by(&self, rays: u32) -> Option<Settings> {
         let identity = self.textures[0].identity();
-        let is_path = match identity.estimator {
+        let is_same_path = match identity.estimator {
             EstimatorIdentity::Path { shadowing } => shadowing == Shadows::Found,
             EstimatorIdentity::ScenePath { .. } => true,
             _ => false,
-        };
+        } && identity.can_be_made_again();
         let layers = crate::transfer::BrickSource::layout(&self.textures[0]).layers.clone();
-        is_path.then_some(Settings { layers, rays, seed: identity.seed, target: None, positive: identity.positive })
+        is_same_path.then_some(Settings {
+            layers,
+            rays,
+            seed: identity.seed,
+            target: None,
+            positive: identity.positive,
+        })
     }
 
     /// Whether light by way of mirrors and glass was baked.

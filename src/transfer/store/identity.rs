@@ -36,6 +36,9 @@ pub struct Identity {
     /// The estimator, with all of its settings that decide numbers.
     #[serde(deserialize_with = "estimator::read")]
     pub estimator: EstimatorIdentity,
+    /// [`EstimatorIdentity::revision`] of the program that began the store.
+    #[serde(default = "estimator::first_revision", skip_serializing_if = "estimator::is_first_revision")]
+    pub revision: u32,
     /// Whether the transfer is a sum with positive weights (no control variate).
     pub positive: bool,
     /// Seed of all random numbers.
@@ -69,18 +72,25 @@ impl Identity {
         positive: bool,
         seed: u64,
     ) -> Self {
+        let estimator = estimator.into();
         Self {
             format_version: FORMAT_VERSION,
+            revision: estimator.revision(),
             volume: volume.content_hash(),
             grid: layout.lattice.grid(),
             texels: layout.lattice.texels(),
             solid: solid_name(volume.solid).into(),
             bands: layout.layers.bands().to_vec(),
-            estimator: estimator.into(),
+            estimator,
             positive,
             seed,
             scene: None,
         }
+    }
+
+    /// Whether this program's estimator would give the same numbers for the same texel.
+    pub fn can_be_made_again(&self) -> bool {
+        self.revision == self.estimator.revision()
     }
 
     /// The same bake in a store of the format that is written today.
@@ -152,7 +162,7 @@ impl Identity {
                 ("texels", list(&i.texels)),
                 ("solid", i.solid.clone()),
                 ("bands", list(&i.bands)),
-                ("estimator", i.estimator.to_string()),
+                ("estimator", estimator_text(i)),
                 ("positive", i.positive.to_string()),
                 ("seed", i.seed.to_string()),
                 ("coupling", coupling_text(i)),
@@ -183,6 +193,14 @@ impl Identity {
             );
         }
         Err(Error::Mismatch { path: path.into(), field: field.into(), stored, asked, remedy })
+    }
+}
+
+/// The estimator and, where there is more than one, its revision.
+fn estimator_text(identity: &Identity) -> String {
+    match identity.revision == estimator::first_revision() {
+        true => identity.estimator.to_string(),
+        false => format!("{}, revision {}", identity.estimator, identity.revision),
     }
 }
 
