@@ -13,6 +13,7 @@
 mod bake;
 mod chunks;
 mod direct;
+mod errors;
 mod estimator;
 mod gather;
 mod geometric;

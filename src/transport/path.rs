@@ -14,13 +14,15 @@
 //! instead loses energy at every bounce: on 8-bit and noisy hemispheres the ambient error is then
 //! 1.2 times larger and its bias 1.3 to 1.6 times (`tests/physics/transport_quantised.rs`).
 //!
-//! Layer 0 has a control variate: the clamped cosine of the unoccluded texel is known, so
-//! T_0 = E[V Y] − β (E[Y] − A) for any β that is independent of the samples. Per sample the
-//! best β for all coefficients of a band together is, by the addition theorem, the openness E[V]; the
-//! replicate r takes it from the *other* replicates, which keeps the estimate unbiased.
+//! Every ray has a control variate: the transfer A(n) of an unoccluded place with the normal n is known, so a ray along ω
+//! adds V Y(ω) − β (Y(ω) − A(n)) to its layer, V = 1 if it escapes, for any β that is independent of it. Per ray the
+//! best β for all coefficients of a band together is, by the addition theorem, the chance E[V] to escape; the
+//! replicate r takes it from the *other* replicates, which keeps the estimate unbiased: for the first rays from
+//! theirs, for those from hits from all of theirs together ([`RayCounts::shares_of_others`]). The one at hits takes 10 to
+//! 48 % of the error of layers 1 to 3 (`probes/record/2026-11-29-xeon-2core-hits`).
 
 use super::REPLICATES;
-use super::sums::combine_paths;
+use super::sums::{combine_paths, scale_to_clamped_cosine};
 use crate::error::{Error, Result};
 use crate::geom::{Frame, Normal};
 use crate::level::{Counts, Crossing, Hit, LevelField, Outcome, Site, Start};
@@ -143,7 +145,7 @@ pub struct TexelEstimate<F = f32> {
     pub stderr: Vec<F>,
     /// Standard error of Σ_k a_k, the chance to escape within the stored layers.
     pub escape_stderr: f32,
-    /// Whether all replicates gave the same a_0; then half of its 95 % interval is at least 3/N.
+    /// Whether all replicates gave the same a_0; then half of its 95 % interval is at least 1.5/N.
     pub degenerate: bool,
     /// Rays that started into the solid and did not come out, and hits without a normal where a path goes on.
     pub lost: u32,
@@ -175,10 +177,14 @@ pub(super) struct Scratch {
     hits: Vec<Hit>,
     pub(super) escaped: [Vec<Vec3>; REPLICATES],
     pub(super) blocked: [Vec<Vec3>; REPLICATES],
+    // Normals at the starts of its rays; at bounce 0, where all are that of the texel, one for all.
+    pub(super) normals: [Vec<Vec3>; REPLICATES],
     // Σ Y over the paths of a replicate, [replicate][coefficient].
     pub(super) sums: Vec<f32>,
-    // Σ Y over the first directions that were blocked, [replicate][coefficient of layer 0].
-    pub(super) blocked_sums: Vec<f32>,
+    // Σ Y over the rays that were blocked, less what Σ Y over all rays is in the mean, [replicate][coefficient].
+    pub(super) controls: Vec<f32>,
+    // How many rays there were, and how many escaped.
+    pub(super) rays: RayCounts,
     // How many points of each four-dimensional sequence the paths before have taken.
     taken: [PointsTaken; REPLICATES],
     // Photons near a texel.
@@ -188,12 +194,12 @@ pub(super) struct Scratch {
 impl Scratch {
     /// Sets the sums to zero.
     pub(super) fn zero_sums(&mut self, settings: &Settings) {
-        let layers = &settings.layers;
-        self.sums.clear();
-        self.sums.resize(REPLICATES * layers.coefficients(), 0.0);
-        self.blocked_sums.clear();
-        self.blocked_sums.resize(REPLICATES * layers.bands()[0] * layers.bands()[0], 0.0);
-        self.taken = Default::default();
+        let coefficients = settings.layers.coefficients();
+        for sums in [&mut self.sums, &mut self.controls] {
+            sums.clear();
+            sums.resize(REPLICATES * coefficients, 0.0);
+        }
+        (self.rays, self.taken) = Default::default();
     }
 
     /// Draws directions about the normal for the living paths at bounce `k`.
@@ -205,6 +211,9 @@ impl Scratch {
             let sequence = sampler.sequence(k as u32);
             let range = start..start + self.living[replicate];
             let (alive, points) = (&mut self.alive[range.clone()], &mut self.points[range.clone()]);
+            self.normals[replicate].clear();
+            let starts = if k == 0 { alive.len().min(1) } else { alive.len() };
+            self.normals[replicate].extend(alive[..starts].iter().map(|path| path.normal.vec()));
             if k.is_multiple_of(2) {
                 let first = self.taken[replicate].first_of(k, alive.len());
                 for (alive, point) in alive.iter_mut().zip(first..) {
@@ -218,19 +227,79 @@ impl Scratch {
         warp::squares_to_cosine_hemisphere(&self.points, &mut self.locals);
     }
 
-    /// Adds the directions in which the rays of bounce `k` escaped to the sums, and the first ones that were blocked.
-    pub(super) fn add_escaped(&mut self, k: usize, settings: &Settings) {
+    /// Adds the rays of bounce `k` to the sums: the directions that escaped, and for the control variate all others and
+    /// what their starts lead one to expect.
+    pub(super) fn add_rays(&mut self, k: usize, settings: &Settings) {
         let layers = &settings.layers;
-        let (coefficients, direct) = (layers.coefficients(), layers.bands()[0] * layers.bands()[0]);
+        let (coefficients, bands) = (layers.coefficients(), layers.bands()[k]);
         for replicate in 0..REPLICATES {
-            let sums = &mut self.sums[replicate * coefficients..][..coefficients];
-            sh::basis::accumulate(layers.bands()[k], &self.escaped[replicate], &mut sums[layers.offset(k)..]);
-            if k == 0 && !settings.positive {
-                let sums = &mut self.blocked_sums[replicate * direct..][..direct];
-                sh::basis::accumulate(layers.bands()[0], &self.blocked[replicate], sums);
+            let (escaped, blocked) = (&self.escaped[replicate], &self.blocked[replicate]);
+            let rays = escaped.len() + blocked.len();
+            self.rays.add(k, replicate, rays, escaped.len());
+            if rays == 0 {
+                continue;
+            }
+            let first = replicate * coefficients + layers.offset(k);
+            sh::basis::accumulate(bands, escaped, &mut self.sums[first..]);
+            if settings.positive {
+                continue;
+            }
+            let controls = &mut self.controls[first..first + bands * bands];
+            sh::basis::accumulate(bands, blocked, controls);
+            let mut expected = [0.0f32; sh::MAX_BANDS * sh::MAX_BANDS];
+            sh::basis::accumulate(bands, &self.normals[replicate], &mut expected);
+            let starts_each = if k == 0 { rays as f32 } else { 1.0 };
+            scale_to_clamped_cosine(bands, starts_each, &mut expected);
+            for (control, expected) in controls.iter_mut().zip(&expected) {
+                *control -= expected;
             }
         }
     }
+}
+
+/// How many rays of each bounce and replicate there were, and how many of them escaped.
+#[derive(Clone, Debug, Default)]
+pub(super) struct RayCounts {
+    all: [[u32; REPLICATES]; MAX_LAYERS],
+    escaped: [[u32; REPLICATES]; MAX_LAYERS],
+}
+
+impl RayCounts {
+    fn add(&mut self, k: usize, replicate: usize, all: usize, escaped: usize) {
+        self.all[k][replicate] += all as u32;
+        self.escaped[k][replicate] += escaped as u32;
+    }
+
+    /// How many rays of bounce `k` escaped, of each replicate.
+    pub(super) fn escaped(&self, k: usize) -> &[u32; REPLICATES] {
+        &self.escaped[k]
+    }
+
+    /// How many rays of bounce `k` there were, of all replicates.
+    pub(super) fn all(&self, k: usize) -> u32 {
+        self.all[k].iter().sum()
+    }
+
+    /// What the other replicates say of the chance of a first ray, and of one from a hit, to escape.
+    pub(super) fn shares_of_others(&self, replicate: usize) -> [f32; 2] {
+        let others = |of: &[u32; REPLICATES]| of.iter().sum::<u32>() - of[replicate];
+        let above = |of: &[[u32; REPLICATES]; MAX_LAYERS]| of[1..].iter().map(others).sum::<u32>();
+        let sums = |of: &[[u32; REPLICATES]; MAX_LAYERS]| [others(&of[0]), above(of)].map(f64::from);
+        escaping_shares(sums(&self.all), sums(&self.escaped)).map(|share| share as f32)
+    }
+}
+
+/// The weights of the control variate of first rays and of those from hits, from all such rays of other replicates and those
+/// that escaped.
+///
+/// One number for all hits: of each bounce on its own there are too few rays (at 16 paths layers 2 and 3 then err 7 to
+/// 31 % more, at 256 up to 7 %). As often as not where there are none (Laplace's rule of succession), because 0
+/// would leave a path that is alone without its control; but 0 where nothing gets out, so that it stays black.
+pub(super) fn escaping_shares(all: [f64; 2], escaped: [f64; 2]) -> [f64; 2] {
+    if escaped[0] + escaped[1] <= 0.0 {
+        return [0.0; 2];
+    }
+    [escaped[0] / all[0].max(1.0), (escaped[1] + 1.0) / (all[1] + 2.0)]
 }
 
 /// Which points the paths of a replicate take.
@@ -290,8 +359,8 @@ pub(super) fn estimate<T: Sample>(
         None => settings.points(),
     };
     loop {
-        tally += extend(field, site, item, done, points, settings, scratch, counts);
-        combine_paths(site.normal, settings, scratch, &tally.visible, points, settings.layers.len(), out);
+        extend(field, site, item, done, points, settings, scratch, counts, &mut tally);
+        combine_paths(settings, scratch, points, settings.layers.len(), out);
         (out.lost, out.trapped, out.rays) = (tally.lost, tally.trapped, (points * REPLICATES) as u32);
         match &settings.target {
             Some(target) if expected_error(out) > target.error && points < settings.points() => {
@@ -326,22 +395,11 @@ pub(super) fn expected_error<F>(texel: &TexelEstimate<F>) -> f32 {
     texel.target_stderr.max(1.0 / texel.rays as f32)
 }
 
-/// What became of some paths of all replicates.
+/// What became of some paths of all replicates, besides escapes.
 #[derive(Clone, Copy, Default)]
 struct Tally {
-    visible: [u32; REPLICATES],
     lost: u32,
     trapped: u32,
-}
-
-impl std::ops::AddAssign for Tally {
-    fn add_assign(&mut self, other: Self) {
-        for r in 0..REPLICATES {
-            self.visible[r] += other.visible[r];
-        }
-        self.lost += other.lost;
-        self.trapped += other.trapped;
-    }
 }
 
 /// Traces the paths `first..last` of every replicate, and adds them to the sums.
@@ -357,28 +415,22 @@ fn extend<T: Sample>(
     settings: &Settings,
     scratch: &mut Scratch,
     counts: &mut Counts,
-) -> Tally {
+    tally: &mut Tally,
+) {
     let layers = &settings.layers;
-    let mut tally = Tally::default();
     let samplers: [PathSampler; REPLICATES] =
         std::array::from_fn(|replicate| PathSampler::new(settings.seed, item, replicate as u32));
     scratch.alive.clear();
     scratch.alive.resize(REPLICATES * (last - first), Alive { point: 0, start: site.start, normal: site.normal });
     scratch.living = [last - first; REPLICATES];
     for k in 0..layers.len() {
-        bounce(field, site, k, k + 1 == layers.len(), &samplers, scratch, counts, &mut tally);
-        scratch.add_escaped(k, settings);
-        if k == 0 {
-            for (visible, escaped) in tally.visible.iter_mut().zip(&scratch.escaped) {
-                *visible += escaped.len() as u32;
-            }
-        }
+        bounce(field, site, k, k + 1 == layers.len(), &samplers, scratch, counts, tally);
+        scratch.add_rays(k, settings);
         if scratch.alive.is_empty() {
             break;
         }
     }
     tally.trapped += scratch.alive.len() as u32;
-    tally
 }
 
 /// Follows one ray of every living path, sorts out those that escape, and takes the others to where they hit; after
@@ -432,9 +484,7 @@ fn bounce<T: Sample>(
                 }
                 Outcome::Lost => tally.lost += 1,
             }
-            if k == 0 {
-                blocked[replicate].push(direction);
-            }
+            blocked[replicate].push(direction);
             alive[kept] = path;
             survivors[replicate] += 1;
             kept += 1;

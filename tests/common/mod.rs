@@ -271,3 +271,14 @@ pub fn item(lattice: &Lattice, texel: [usize; 3]) -> u64 {
     let [mx, my, _] = lattice.texels();
     (texel[0] + mx * (texel[1] + my * texel[2])) as u64
 }
+
+/// Chance that at most `hits` of `trials` succeed when each does with chance `p`.
+pub fn binomial_below(hits: usize, trials: usize, p: f64) -> f64 {
+    let choose = |k: usize| ln_gamma(trials + 1) - ln_gamma(k + 1) - ln_gamma(trials - k + 1);
+    (0..=hits).map(|k| (choose(k) + k as f64 * p.ln() + (trials - k) as f64 * (1.0 - p).ln()).exp()).sum()
+}
+
+/// ln Γ(n) of a whole number.
+fn ln_gamma(n: usize) -> f64 {
+    (1..n).map(|i| (i as f64).ln()).sum()
+}

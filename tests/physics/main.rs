@@ -20,4 +20,5 @@ mod transport_closed_forms;
 mod transport_convergence;
 mod transport_coverage;
 mod transport_invariance;
+mod transport_layers;
 mod transport_quantised;

@@ -118,7 +118,7 @@ fn estimates_are_unbiased_and_their_intervals_cover() {
                     for k in 0..3 {
                         let (truth, a, e) = (reference.escape(t, k), baked.escape(t, k), baked.escape_error(t, k));
                         let factor = half_interval_95(bands[k]);
-                        let floor = 3.0 / f64::from(rays) / factor;
+                        let floor = 1.5 / f64::from(rays) / factor;
                         if truth < 0.02 || e == 0.0 || (k == 0 && (e - floor).abs() < 1e-3 * floor) {
                             equal[k] += 1;
                             continue;
@@ -155,9 +155,10 @@ fn estimates_are_unbiased_and_their_intervals_cover() {
             );
             assert!(smallest >= sidak(0.01, coefficients), "{name}, {rays} rays: {smallest}");
             assert!(smallest_texel >= sidak(0.01, 9 * texels.len()), "{name}, {rays} rays: {smallest_texel}");
-            // Few points a replicate make few values, and the interval errs on the wide side.
-            for k in 0..3 {
-                assert!(share(k) >= 0.93, "{name}, {rays} rays, layer {k}: {}", share(k));
+            // Few points a replicate make few values, and the interval errs on the wide side; above layer 0, where at
+            // 16 rays few paths arrive, 90 % are promised of each volume.
+            for (k, promised) in [0.93, 0.9, 0.9].into_iter().enumerate() {
+                assert!(share(k) >= promised, "{name}, {rays} rays, layer {k}: {}", share(k));
             }
         }
     }

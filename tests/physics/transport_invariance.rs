@@ -59,7 +59,7 @@ fn a_texel_replayed_alone_is_the_texel_of_the_bake() {
             assert!((a - b).abs() <= 4.9e-4 * b.abs() + 3e-6, "{t:?} {i}: {a} {b}");
         }
     }
-    // The control variate is of layer 0 only, and does not change a_0; elsewhere it does
+    // The control variate does not change a_k but by rounding, here to f16 by an ulp; elsewhere it does
     // something unless nothing was visible.
     let mut plain = settings.clone();
     plain.positive = false;
@@ -67,9 +67,10 @@ fn a_texel_replayed_alone_is_the_texel_of_the_bake() {
     let mut changed = 0;
     for &t in &texels {
         let (a, b) = (with.transfer(t), baked.transfer(t));
-        assert_eq!(a[25..], b[25..]);
-        assert!((a[0] - b[0]).abs() <= 4.9e-4 * b[0], "{} {}", a[0], b[0]);
-        changed += usize::from(a[1..25] != b[1..25]);
+        for first in [0, 25, 41, 50] {
+            assert!((a[first] - b[first]).abs() <= 9.8e-4 * b[first] + 1e-6, "{} {}", a[first], b[first]);
+        }
+        changed += usize::from(a[1..25] != b[1..25] && a[26..41] != b[26..41] && a[51..59] != b[51..59]);
     }
     assert!(changed * 2 > texels.len(), "{changed}");
 }

@@ -9,7 +9,7 @@ use crate::level::Pyramid;
 use crate::scene::Scene;
 use crate::scene::geometry::Geometry;
 use crate::session::Session;
-use crate::transfer::store::{EstimatorIdentity, Shadows, Store, TRACING_VERSION};
+use crate::transfer::store::{EstimatorIdentity, Shadows, Store};
 use crate::transport::Settings;
 use crate::volume::Volume;
 
@@ -37,16 +37,19 @@ impl Subject {
     /// How its texels were made, with another number of rays; `None` where they cannot be made again.
     pub(super) fn baked_by(&self, rays: u32) -> Option<Settings> {
         let identity = self.textures[0].identity();
-        if identity.tracing != TRACING_VERSION {
-            return None;
-        }
-        let is_path = match identity.estimator {
+        let is_same_path = match identity.estimator {
             EstimatorIdentity::Path { shadowing } => shadowing == Shadows::Found,
             EstimatorIdentity::ScenePath { .. } => true,
             _ => false,
-        };
+        } && identity.can_be_made_again();
         let layers = crate::transfer::BrickSource::layout(&self.textures[0]).layers.clone();
-        is_path.then_some(Settings { layers, rays, seed: identity.seed, target: None, positive: identity.positive })
+        is_same_path.then_some(Settings {
+            layers,
+            rays,
+            seed: identity.seed,
+            target: None,
+            positive: identity.positive,
+        })
     }
 
     /// The textures of the vertices of an isosurface, one a group, where they have transfer of their own.

@@ -75,6 +75,30 @@ pub enum Surroundings {
     Volumes,
 }
 
+impl EstimatorIdentity {
+    /// Which version of its computation this program has: stores of another one are read, and not extended, because
+    /// their texels would have other numbers and other errors.
+    ///
+    /// 2: paths go on about the normal of the trilinear facet that they met, and a ray may leave the solid that it starts into
+    /// by one cell (before, about the smoothed normal, and by four); rays from hits have a control variate, and errors of the
+    /// layers above 0 owe little to how many paths happened to escape.
+    pub fn revision(&self) -> u32 {
+        match self {
+            Self::Path { .. } | Self::ScenePath { .. } | Self::Gather { .. } | Self::Photon { .. } => 2,
+            Self::Custom { .. } => first_revision(),
+        }
+    }
+}
+
+/// That of stores that do not name one.
+pub(super) fn first_revision() -> u32 {
+    1
+}
+
+pub(super) fn is_first_revision(revision: &u32) -> bool {
+    *revision == first_revision()
+}
+
 impl Shadows {
     const ALL: [Self; 4] = [Self::Found, Self::Ignored, Self::Traced, Self::Convex];
 

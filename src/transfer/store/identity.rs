@@ -16,19 +16,6 @@ pub const OLDEST_FORMAT_VERSION: u32 = 1;
 /// From this version on the record of a chunk says which store it belongs to, and lies in the folder of `rays`.
 pub(super) const STAMPED_VERSION: u32 = 3;
 
-/// Version of the rules by which paths go on from where they meet a surface, which decide numbers as the seed does:
-/// since 2 about the normal of the trilinear facet, and a ray may leave the solid that it starts into by one cell; before,
-/// about the smoothed normal, and by four.
-pub const TRACING_VERSION: u32 = 2;
-
-fn first_tracing_version() -> u32 {
-    1
-}
-
-fn is_first(version: &u32) -> bool {
-    *version == first_tracing_version()
-}
-
 /// What decides the numbers in a store. Two bakes with equal identities fill one store; with
 /// different ones they are refused ([`Error::Mismatch`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -49,9 +36,9 @@ pub struct Identity {
     /// The estimator, with all of its settings that decide numbers.
     #[serde(deserialize_with = "estimator::read")]
     pub estimator: EstimatorIdentity,
-    /// [`TRACING_VERSION`], or that of an older store; 1 is not written.
-    #[serde(default = "first_tracing_version", skip_serializing_if = "is_first")]
-    pub tracing: u32,
+    /// [`EstimatorIdentity::revision`] of the program that began the store.
+    #[serde(default = "estimator::first_revision", skip_serializing_if = "estimator::is_first_revision")]
+    pub revision: u32,
     /// Whether the transfer is a sum with positive weights (no control variate).
     pub positive: bool,
     /// Seed of all random numbers.
@@ -85,19 +72,25 @@ impl Identity {
         positive: bool,
         seed: u64,
     ) -> Self {
+        let estimator = estimator.into();
         Self {
             format_version: FORMAT_VERSION,
+            revision: estimator.revision(),
             volume: volume.content_hash(),
             grid: layout.lattice.grid(),
             texels: layout.lattice.texels(),
             solid: solid_name(volume.solid).into(),
             bands: layout.layers.bands().to_vec(),
-            estimator: estimator.into(),
-            tracing: TRACING_VERSION,
+            estimator,
             positive,
             seed,
             scene: None,
         }
+    }
+
+    /// Whether this program's estimator would give the same numbers for the same texel.
+    pub fn can_be_made_again(&self) -> bool {
+        self.revision == self.estimator.revision()
     }
 
     /// The same bake in a store of the format that is written today.
@@ -169,8 +162,7 @@ impl Identity {
                 ("texels", list(&i.texels)),
                 ("solid", i.solid.clone()),
                 ("bands", list(&i.bands)),
-                ("estimator", i.estimator.to_string()),
-                ("tracing", i.tracing.to_string()),
+                ("estimator", estimator_text(i)),
                 ("positive", i.positive.to_string()),
                 ("seed", i.seed.to_string()),
                 ("coupling", coupling_text(i)),
@@ -200,10 +192,15 @@ impl Identity {
                 path.display()
             );
         }
-        if field == "tracing" {
-            remedy = format!("it was baked by older rules for rays, and can be read, not extended: {remedy}");
-        }
         Err(Error::Mismatch { path: path.into(), field: field.into(), stored, asked, remedy })
+    }
+}
+
+/// The estimator and, where there is more than one, its revision.
+fn estimator_text(identity: &Identity) -> String {
+    match identity.revision == estimator::first_revision() {
+        true => identity.estimator.to_string(),
+        false => format!("{}, revision {}", identity.estimator, identity.revision),
     }
 }
 

@@ -253,8 +253,8 @@ pub(super) fn check_chunks(layout: &Layout) -> Result<usize> {
 pub(super) fn check_volume(volume: &Volume, identity: &Identity) -> Result<()> {
     let layout = identity.layout()?;
     let here = Identity::new(volume, &layout, identity.estimator.clone(), identity.positive, identity.seed);
-    let (scene, tracing) = (identity.scene.clone(), identity.tracing);
-    let here = Identity { grid: volume.dims(), scene, tracing, ..here };
+    let (scene, revision) = (identity.scene.clone(), identity.revision);
+    let here = Identity { grid: volume.dims(), scene, revision, ..here };
     match identity.first_difference(&here) {
         None => Ok(()),
         Some((field, given, expected)) => Err(Error::argument(

@@ -43,7 +43,6 @@ impl<'a> Pass<'a> {
         let layers = &self.settings.layers;
         let coefficients = layers.coefficients();
         scratch.zero_sums(&self.settings);
-        let mut visible = [0u32; REPLICATES];
         let mut row = EMPTY_ROW;
         (out.lost, out.trapped) = (0, 0);
         let frame = Frame::around(site.normal);
@@ -53,6 +52,8 @@ impl<'a> Pass<'a> {
             let sums = &mut scratch.sums[replicate * coefficients..][..coefficients];
             scratch.escaped[replicate].clear();
             scratch.blocked[replicate].clear();
+            scratch.normals[replicate].clear();
+            scratch.normals[replicate].push(site.normal.vec());
             for path in 0..self.settings.points() as u32 {
                 let direction = frame.from_local(warp::square_to_cosine_hemisphere(sequence.point(path)));
                 let at = match field.trace(site.isovalue, &site.start, field.direction_in_grid(direction), counts) {
@@ -72,11 +73,10 @@ impl<'a> Pass<'a> {
                 }
                 scratch.blocked[replicate].push(direction);
             }
-            visible[replicate] = scratch.escaped[replicate].len() as u32;
         }
-        scratch.add_escaped(0, &self.settings);
+        scratch.add_rays(0, &self.settings);
         let points = self.settings.points();
-        combine_paths(site.normal, &self.settings, scratch, &visible, points, 1, out);
+        combine_paths(&self.settings, scratch, points, 1, out);
         out.rays = (points * REPLICATES) as u32;
     }
 

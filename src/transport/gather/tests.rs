@@ -322,11 +322,13 @@ fn the_bias_estimate_finds_a_bias_put_into_the_cache() {
 #[test]
 fn where_nothing_is_cached_paths_go_on() {
     // An empty cache: every hit goes on as a path, by the numbers that path uses for its first two rays (later
-    // ones take points by their rank among the paths that are left).
+    // ones take points by their rank among the paths that are left). Without the control variate, which a pass has for
+    // first rays alone.
     let scene = Scene::new(waves([16, 16, 16]), Layers::uniform(2, 2).unwrap(), 16);
     let cached = cached_layers(&scene.layout.layers).unwrap();
     let cache = Cache::new(&Selection::empty(scene.layout.lattice), cached, CachePrecision::Half);
-    let pass = Pass::new(&cache, scene.settings.clone());
+    let settings = Settings { positive: true, ..scene.settings.clone() };
+    let pass = Pass::new(&cache, settings.clone());
     let (mut a, mut b) = (TexelEstimate::default(), TexelEstimate::default());
     let (mut scratch, mut lookups, mut reflected) = (Scratch::default(), Lookups::default(), 0.0);
     scene.with_field(|field| {
@@ -334,7 +336,7 @@ fn where_nothing_is_cached_paths_go_on() {
             let Some(site) = field.site(texel.map(|t| t as f64)) else { continue };
             let (mut with, mut without) = (Counts::default(), Counts::default());
             pass.estimate(field, &site, item as u64, &mut scratch, &mut with, &mut lookups, &mut a);
-            estimate_path(field, &site, item as u64, &scene.settings, &mut scratch, &mut without, &mut b);
+            estimate_path(field, &site, item as u64, &settings, &mut scratch, &mut without, &mut b);
             assert_eq!((with, a.lost, a.trapped), (without, b.lost, b.trapped));
             reflected += a.transfer[4];
             for (a, b) in a.transfer.iter().zip(&b.transfer) {

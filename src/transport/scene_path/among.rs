@@ -9,8 +9,9 @@
 
 use super::super::REPLICATES;
 use super::super::bake::Bake;
+use super::super::errors::Paths;
 use super::super::estimator::{Estimator, Fate};
-use super::super::path::{FIRST_POINTS, Settings, Target, TexelEstimate, expected_error, next_points};
+use super::super::path::{FIRST_POINTS, Settings, Target, TexelEstimate, escaping_shares, expected_error, next_points};
 use super::super::replay::ReplayedPath;
 use super::super::summary::Summary;
 use super::super::sums::{combine, defend_degenerate, target_stderr, variance_of_mean};
@@ -56,17 +57,22 @@ impl<'a, T: Sample> Among<'a, T> {
     /// Means and standard errors of all groups after `points` paths of each replicate.
     fn combine(&self, found: &Found, points: usize, out: &mut [TexelEstimate<f64>]) {
         let paths = points as f64;
+        let betas: [[f64; 2]; REPLICATES] = std::array::from_fn(|r| shares_of_others(found, r));
         for (g, (layers, out)) in self.layers.iter().zip(out.iter_mut()).enumerate() {
             let coefficients = layers.coefficients();
-            let value = |r: usize, i: usize| {
+            let value = |k: usize, r: usize, i: usize| {
                 let sum = match g {
-                    0 => found.environment[r * coefficients + i],
+                    0 => {
+                        found.environment[r * coefficients + i]
+                            - betas[r][k.min(1)] * found.controls[r * coefficients + i]
+                    }
                     _ => found.groups[((g - 1) * REPLICATES + r) * coefficients + i],
                 };
                 sum / paths * self.factors[g]
             };
             // A path adds one direction to the environment, and none to the others.
-            combine(layers, if g == 0 { layers.len() } else { 0 }, value, out);
+            let paths = if g == 0 { self.paths(found, points) } else { Paths::unknown() };
+            combine(layers, &paths, value, out);
             (out.lost, out.trapped, out.rays) = (found.lost, found.trapped, (points * REPLICATES) as u32);
             if g == 0 && (1..REPLICATES).all(|r| same_first(layers, &value, r)) {
                 defend_degenerate(layers, points * REPLICATES, out);
@@ -78,6 +84,20 @@ impl<'a, T: Sample> Among<'a, T> {
             let luminaires = target.map_or(0.0, |target| self.variance_of_luminaires(target, found, paths));
             environment.target_stderr = (of_environment * of_environment + BY_LUCK * BY_LUCK * luminaires).sqrt();
         }
+    }
+
+    /// The paths of all replicates: those on their way to layer k + 1 are what layer k of the group of emission holds.
+    fn paths(&self, found: &Found, points: usize) -> Paths {
+        let layers = self.settings.layers.len();
+        let count = (points * REPLICATES) as f64;
+        let met = |k: usize| (0..REPLICATES).flat_map(move |r| (0..3).map(move |c| 3 * (r * layers + k) + c));
+        let arrived = |k: usize| met(k).map(|i| found.groups[i]).sum::<f64>() / 3.0;
+        let arrived = std::array::from_fn(|k| match k {
+            0 => count,
+            _ if k < layers => arrived(k - 1),
+            _ => 0.0,
+        });
+        Paths { events: layers, count, arrived, controlled: !self.settings.positive }
     }
 
     /// The paths of a site, step by step; none inside another volume.
@@ -111,10 +131,19 @@ impl<'a, T: Sample> Among<'a, T> {
     }
 }
 
+/// The weights of the control variate in layer 0 and above it: what the other replicates say.
+fn shares_of_others(found: &Found, replicate: usize) -> [f64; 2] {
+    let sum = |of: usize, above: usize| {
+        let others = (0..REPLICATES).filter(|&r| r != replicate);
+        others.map(|r| found.rays[r][above][of]).sum::<f64>()
+    };
+    escaping_shares([0, 1].map(|above| sum(0, above)), [0, 1].map(|above| sum(1, above)))
+}
+
 /// Whether replicate `r` has the same a_0 as the first, in every channel.
-fn same_first(layers: &Layers, value: &impl Fn(usize, usize) -> f64, r: usize) -> bool {
+fn same_first(layers: &Layers, value: &impl Fn(usize, usize, usize) -> f64, r: usize) -> bool {
     let square = layers.bands()[0] * layers.bands()[0];
-    (0..layers.channels()).all(|c| value(r, c * square) == value(0, c * square))
+    (0..layers.channels()).all(|c| value(0, r, c * square) == value(0, 0, c * square))
 }
 
 impl<T: Sample> Estimator for Among<'_, T> {

@@ -9,6 +9,9 @@
 //! Level sets of partners count as the level set: its albedo is ρ times a fixed factor of each volume, which W carries, and
 //! its emission is theirs, too.
 //!
+//! Every ray from a diffuse turn has the control variate of [`super::super::path`]: it adds −β W (Y(ω) − A(n)), β the share
+//! of such rays of the other replicates that met nothing, by weight, of those of layer 0 and of all above.
+//!
 //! Luminaires are found in two ways, by sampling them and by the cosine, combined by the balance heuristic (Veach and Guibas
 //! 1995, eq. 9). After a mirror or glass only the path itself finds them; points and parallel light are found by their images
 //! in flat mirrors. Paths end after the last stored layer, or between
@@ -17,6 +20,7 @@
 use super::super::REPLICATES;
 use super::super::path::Settings;
 use super::super::replay::{On, PathEnd, ReplayedPath};
+use super::super::sums::clamped_cosine;
 use super::glass;
 use super::images::Images;
 use super::world::{Met, Origin, Place, SceneCounts, World};
@@ -45,6 +49,10 @@ const GLASS_PAIRS: u32 = 1 << 24;
 pub(in super::super) struct Found {
     // [replicate][coefficient of the coloured layers].
     pub(super) environment: Vec<f64>,
+    // Σ W (Y(ω) − A(n)) over all rays from diffuse turns, in the same order: 0 in the mean.
+    pub(super) controls: Vec<f64>,
+    // [replicate][in layer 0, above it]: Σ W over those rays, and over those that met nothing; means of the channels.
+    pub(super) rays: [[[f64; 2]; 2]; REPLICATES],
     // [group: emission, then luminaires][replicate][3·layer + channel].
     pub(super) groups: Vec<f64>,
     pub(super) lost: u32,
@@ -55,8 +63,11 @@ pub(in super::super) struct Found {
 
 impl Found {
     pub(super) fn reset(&mut self, layers: &Layers, luminaires: usize) {
-        self.environment.clear();
-        self.environment.resize(REPLICATES * layers.coefficients(), 0.0);
+        for sums in [&mut self.environment, &mut self.controls] {
+            sums.clear();
+            sums.resize(REPLICATES * layers.coefficients(), 0.0);
+        }
+        self.rays = Default::default();
         self.groups.clear();
         self.groups.resize((1 + luminaires) * REPLICATES * 3 * layers.len(), 0.0);
         (self.lost, self.trapped) = (0, 0);
@@ -227,6 +238,7 @@ impl<T: Sample> Path<'_, '_, T> {
         let local = warp::square_to_cosine_hemisphere(self.pair(turn, 0));
         let mut direction = Frame::around(at.normal).from_local(local).as_dvec3().normalize_or(DVec3::Z);
         let by_cosine = direction.dot(at.normal.vec().as_dvec3()).max(0.0) / PI;
+        self.control(at.normal, direction.as_vec3(), found);
         // Density of the cosine, while the path has met nothing specular since.
         let mut density = Some(by_cosine);
         let mut origin = at.origin;
@@ -235,6 +247,9 @@ impl<T: Sample> Path<'_, '_, T> {
             match self.world.meet(self.isovalues, &origin, direction, level, counts) {
                 Met::Nothing => {
                     self.escape(direction.as_vec3(), found);
+                    if density.is_some() {
+                        found.rays[self.replicate][self.layer.min(1)][1] += self.mean_weight();
+                    }
                     found.ended(PathEnd::Escaped);
                     return None;
                 }
@@ -320,17 +335,42 @@ impl<T: Sample> Path<'_, '_, T> {
     }
 
     fn escape(&self, direction: Vec3, found: &mut Found) {
-        let layers = &self.settings.layers;
-        let bands = layers.bands()[self.layer];
+        let bands = self.settings.layers.bands()[self.layer];
         let mut basis = [0.0f32; sh::MAX_BANDS * sh::MAX_BANDS];
         sh::basis::evaluate_f32(bands, direction, &mut basis);
+        self.add_vector(&basis[..bands * bands], &mut found.environment);
+    }
+
+    /// Counts a ray along `direction` from a turn with `normal` for the control variate.
+    fn control(&self, normal: Normal, direction: Vec3, found: &mut Found) {
+        if self.settings.positive {
+            return;
+        }
+        found.rays[self.replicate][self.layer.min(1)][0] += self.mean_weight();
+        let bands = self.settings.layers.bands()[self.layer];
+        let (mut basis, mut expected) =
+            ([0.0f32; sh::MAX_BANDS * sh::MAX_BANDS], [0.0f32; sh::MAX_BANDS * sh::MAX_BANDS]);
+        sh::basis::evaluate_f32(bands, direction, &mut basis);
+        clamped_cosine(bands, normal, &mut expected);
+        for (y, expected) in basis.iter_mut().zip(&expected) {
+            *y -= expected;
+        }
+        self.add_vector(&basis[..bands * bands], &mut found.controls);
+    }
+
+    /// Adds the path's weight times `values` to its layer of `sums`.
+    fn add_vector(&self, values: &[f32], sums: &mut [f64]) {
+        let layers = &self.settings.layers;
         let first = self.replicate * layers.coefficients() + layers.offset(self.layer);
-        for c in 0..3 {
-            let sums = &mut found.environment[first + c * bands * bands..][..bands * bands];
-            for (sum, y) in sums.iter_mut().zip(&basis) {
-                *sum += self.weight[c] * f64::from(*y);
+        for (sums, weight) in sums[first..].chunks_exact_mut(values.len()).zip(self.weight) {
+            for (sum, y) in sums.iter_mut().zip(values) {
+                *sum += weight * f64::from(*y);
             }
         }
+    }
+
+    fn mean_weight(&self) -> f64 {
+        self.weight.iter().sum::<f64>() / 3.0
     }
 
     /// Counts a meeting with a level set; whether the path goes on in the next layer.

@@ -244,7 +244,7 @@ fn every_field_of_the_identity_must_match() {
         ("solid", Identity::new(&other_volume, &layout(), "path", false, u64::MAX)),
         ("bands", Identity { bands: vec![2, 2], ..identity() }),
         ("estimator", Identity { estimator: "gather".into(), ..identity() }),
-        ("tracing", Identity { tracing: TRACING_VERSION - 1, ..identity() }),
+        ("estimator", Identity { revision: 1, ..identity() }),
         ("positive", Identity { positive: true, ..identity() }),
         ("seed", Identity { seed: u64::MAX - 1, ..identity() }),
     ];
