@@ -12,6 +12,7 @@
 
 mod bake;
 mod chunks;
+mod control;
 mod direct;
 mod errors;
 mod estimator;

@@ -9,9 +9,10 @@
 
 use super::super::REPLICATES;
 use super::super::bake::Bake;
+use super::super::control::escaping_shares;
 use super::super::errors::Paths;
 use super::super::estimator::{Estimator, Fate};
-use super::super::path::{FIRST_POINTS, Settings, Target, TexelEstimate, escaping_shares, expected_error, next_points};
+use super::super::path::{FIRST_POINTS, Settings, Target, TexelEstimate, expected_error, next_points};
 use super::super::replay::ReplayedPath;
 use super::super::summary::Summary;
 use super::super::sums::{combine, defend_degenerate, target_stderr, variance_of_mean};
