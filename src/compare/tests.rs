@@ -84,7 +84,7 @@ impl Scene {
             emission: [0.0; 3],
             scales: &[],
         };
-        Question { surface, textures, baked_by: Some(baked_by), paths: 64, texel_rays, seed: 7 }
+        Question { surface, textures, baked_by: Some(baked_by), apart: None, paths: 64, texel_rays, seed: 7 }
     }
 
     fn by_paths(

@@ -1,5 +1,6 @@
 use super::*;
 use crate::grid3;
+use crate::transfer::BRICK;
 
 #[test]
 fn a_cell_adds_what_lookups_in_it_read_and_no_more() {
