@@ -5,8 +5,8 @@ use super::request::Request;
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::sh::Coefficients;
-use crate::transfer::{Layers, Selection};
 use crate::transfer::store::{Baked, ErrorTarget, Store};
+use crate::transfer::{Layers, Selection};
 use crate::transport::{ErrorHistogram, Settings, Target, pilot, radiance_weights, trial};
 use serde_json::json;
 

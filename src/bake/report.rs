@@ -55,7 +55,12 @@ pub struct GoalRecord {
 
 impl GoalRecord {
     pub(super) fn of(goal: &Goal) -> Self {
-        Self { error: goal.error, for_env: (!goal.lights.is_empty()).then(|| goal.lights.iter().map(|l| &*l.name).collect::<Vec<_>>().join(", ")), seconds: goal.seconds }
+        Self {
+            error: goal.error,
+            for_env: (!goal.lights.is_empty())
+                .then(|| goal.lights.iter().map(|l| &*l.name).collect::<Vec<_>>().join(", ")),
+            seconds: goal.seconds,
+        }
     }
 }
 

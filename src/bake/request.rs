@@ -7,8 +7,8 @@ use super::{Goal, scene};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::scene as scenes;
-use crate::scene::Effects;
 use crate::scene::geometry::Geometry;
+use crate::scene::{Effects, SunSplit};
 use crate::surface::extract_without_normals;
 use crate::transfer::store::{Baked, EstimatorIdentity, Identity, Shadows, Store, Surroundings};
 use crate::transfer::{Lattice, Layout, Selection, texels_of_isosurfaces};
@@ -98,8 +98,8 @@ pub struct Hints {
     pub albedo: Option<f32>,
     /// Largest emission of any channel and isovalue.
     pub emission: Option<f32>,
-    /// Whether the dominant lamp is lit apart.
-    pub sun_split: Option<bool>,
+    /// Which lamps are lit apart.
+    pub sun_split: SunSplit,
     /// Whether the plan is to be shown.
     pub shown: bool,
 }

@@ -11,7 +11,8 @@ use crate::surface::{Mesh, isosurface};
 use crate::transfer::Selection;
 use crate::transfer::store::{ChunkExtent, Store, StoreLock, StoreOptions};
 use crate::transport::{
-    ChunkBricks, PhotonMap, Progress, Settings, Summary, SurfacePoints, Target, bake, gather, photon_bake_from, photon_bake_map,
+    ChunkBricks, PhotonMap, Progress, Settings, Summary, SurfacePoints, Target, bake, gather, photon_bake_from,
+    photon_bake_map,
 };
 use serde_json::Value;
 use std::path::Path;

@@ -70,7 +70,7 @@ fn hints(scene: Option<&SceneFile>, range: (f64, f64), isovalues: Option<&[f64]>
     Hints {
         albedo: scene.albedo.as_ref().map(|albedo| albedo.rule(range).largest_albedo(isovalues)),
         emission: Some(scene.emission.as_ref().map_or(0.0, |emission| emission.largest(isovalues))),
-        sun_split: scene.probe.as_ref().map(|probe| probe.sun_split == Some(true)),
+        sun_split: scene.probe.as_ref().and_then(|probe| probe.sun_split).unwrap_or_default(),
         shown: false,
     }
 }

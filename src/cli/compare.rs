@@ -2,6 +2,7 @@
 
 mod geometry;
 mod photon;
+mod lamps;
 mod picture;
 mod subject;
 
@@ -17,12 +18,13 @@ use crate::compare::{
     compare, compare_geometry, compare_photons, unburied,
 };
 use crate::error::Error;
-use crate::probe::{Orientation, Probe};
+use crate::probe::{Orientation, Probe, SunSplit};
 use crate::scene::{Effects, Scene, SceneFile, VolumeOptions};
 use crate::session::{Isosurface, LuminaireFactor, check_factors, factor_of};
 use crate::transfer::BrickSource;
 use crate::transfer::store::Store;
 use crate::transport::{ExactPoint, points_in_cells};
+use lamps::Lamps;
 use picture::Shown;
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
@@ -68,6 +70,10 @@ pub(super) struct Compare {
     /// Where the centre of environment images lies in glTF: at +X (Blender, three.js), or at +Z (OpenEXR)
     #[arg(long, value_enum, value_name = "FRAME", default_value = "gltf")]
     env_frame: super::light::FrameName,
+    /// Lamps lit apart from the environment, as relight lights them: as many as would ring otherwise, none, or so many; none
+    /// in scenes
+    #[arg(long, value_name = "auto|off|N", default_value = "auto", value_parser = super::light::parse_split)]
+    sun_split: SunSplit,
     /// Diffuse reflectance, one number or r,g,b
     #[arg(long, value_name = "RHO|R,G,B", default_value = "0.7", value_parser = parse_triple, allow_hyphen_values = true)]
     albedo: super::light::Triple,
@@ -244,10 +250,13 @@ impl Compare {
                 scales: &scales,
                 vertices: vertices.as_ref(),
             };
+            let split = if geometry.is_some() { SunSplit::Off } else { self.sun_split };
+            let lamps = Lamps::of(probe, orientation, split, &layout.layers);
             let question = Question {
                 surface: lit,
                 textures: &textures,
                 baked_by: settings.as_ref(),
+                apart: lamps.as_ref().map(Lamps::apart),
                 paths: self.paths,
                 texel_rays: self.texel_rays,
                 seed,

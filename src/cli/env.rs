@@ -181,7 +181,7 @@ fn energy(r: &Report) -> String {
     if r.energy.iter().all(|e| e.fraction < 5e-4) && r.mean_luminance > 0.0 {
         return format!(
             "below 0.1 % in each of the degrees 0 to {last}: nearly all comes from small lamps, which a few bands blur \
-             (--sun-split lights the largest directly)"
+             (relight lights the strongest directly)"
         );
     }
     let parts: Vec<String> = r.energy.iter().map(|e| format!("{:.1}", 100.0 * e.fraction)).collect();

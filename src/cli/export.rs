@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::export::atomic;
 use crate::export::field::{RadianceField, write_nrrd, write_raw, write_raw_header, write_vti};
 use crate::grid3;
-use crate::probe::EnvFrame;
+use crate::probe::{EnvFrame, SunSplit};
 use crate::relight::{LookupReport, Material};
 use crate::scene::MaterialRule;
 use crate::session::{Lighting, radiance_of_bricks};
@@ -80,7 +80,7 @@ impl Export {
         let material = Material::new(albedo, self.material.emission.map_or([0.0; 3], |e| e.0))?;
         let probe = open_probe(&self.env, self.light.keep_negative, self.light.layout)?;
         let lighting =
-            Lighting::new(&probe, volume.up, &layout.layers, &self.light.options(false)).map_err(by_option)?;
+            Lighting::new(&probe, volume.up, &layout.layers, &self.light.options(SunSplit::Off)).map_err(by_option)?;
         lighting.notes().iter().for_each(|note| console.note(sentence(&probe.name, note)));
         let bricks = Selection::all(layout.lattice).bricks();
         let (contracted, _) =
@@ -154,7 +154,7 @@ impl Export {
     /// Refuses what cannot be done before any work.
     fn check(&self) -> Outcome<Format> {
         check_store(&self.input)?;
-        if self.light.sun_split {
+        if self.light.sun_split.is_some_and(|split| split != SunSplit::Off) {
             let remedy = "leave it out: a sun's sharp shadows are not in the texture";
             return Err(Error::argument("--sun-split", "with export", "light that the texture holds", remedy).into());
         }

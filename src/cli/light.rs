@@ -2,7 +2,7 @@
 
 use super::{Outcome, text};
 use crate::error::{Error, Result};
-use crate::probe::{self, EMBEDDED, EnvFrame, Layout, Probe, ReadOptions};
+use crate::probe::{self, EMBEDDED, EnvFrame, Layout, Probe, ReadOptions, SunSplit};
 use crate::relight::{Exposure, Material};
 use crate::scene::{Colormap, MaterialRule};
 use crate::session::{LightNote, LightOptions, LuminaireFactor};
@@ -25,9 +25,11 @@ pub(super) struct LightArgs {
     /// Soften the band-limited light, against ringing
     #[arg(long, value_enum, default_value = "none")]
     pub(super) window: WindowName,
-    /// Light the dominant lamp apart from the environment, by visibility rays: sharp shadows, no ringing
-    #[arg(long)]
-    pub(super) sun_split: bool,
+    /// Lamps lit apart from the environment, by visibility rays, with sharp shadows: as many as would ring otherwise,
+    /// none (light and transfer are multiplied), or so many [default: auto; off in scenes, with --window and with
+    /// --transfer]
+    #[arg(long, value_name = "auto|off|N", num_args = 0..=1, default_missing_value = "auto", value_parser = parse_split)]
+    pub(super) sun_split: Option<SunSplit>,
     /// Factor on the power of a luminaire of a scene, one number or three for red, green and blue, such as ceiling=2
     #[arg(long = "luminaire", value_name = "NAME=FACTOR", value_parser = parse_factor)]
     pub(super) luminaires: Vec<LuminaireFactor>,
@@ -82,6 +84,10 @@ impl From<FrameName> for EnvFrame {
     }
 }
 
+pub(super) fn parse_split(text: &str) -> std::result::Result<SunSplit, String> {
+    text.parse().map_err(|e: Error| e.to_string())
+}
+
 pub(super) fn parse_layout(name: &str) -> std::result::Result<Layout, String> {
     name.parse().map_err(|e: Error| e.to_string())
 }
@@ -103,8 +109,8 @@ pub(super) fn open_probe(argument: &str, keep_negative: bool, layout: Option<Lay
 }
 
 impl LightArgs {
-    /// How environments light; `split`: with dominant lamps apart.
-    pub(super) fn options(&self, split: bool) -> LightOptions {
+    /// How environments light; `split`: which lamps are apart.
+    pub(super) fn options(&self, split: SunSplit) -> LightOptions {
         LightOptions {
             rotation_degrees: self.env_rotate,
             frame: self.env_frame.into(),
@@ -119,11 +125,20 @@ impl LightArgs {
 pub(super) fn sentence(probe: &str, note: &LightNote) -> String {
     match note {
         LightNote::NoSun(why) => format!("{probe}: no sun was split off: {why}"),
-        LightNote::Sun { share, angular_radius } => format!(
-            "{probe}: a lamp of radius {:.2}° with {} of the light is lit apart",
-            angular_radius.to_degrees(),
-            text::percent(*share)
-        ),
+        LightNote::Suns { count, share, angular_radius, truncation: [before, after] } => {
+            let across = 2.0 * angular_radius.to_degrees();
+            let lamps = match count {
+                1 => format!("a lamp {across:.1}° across with {} of the light is", text::percent(*share)),
+                n => format!(
+                    "{n} lamps with {} of the light, the strongest {across:.1}° across, are",
+                    text::percent(*share)
+                ),
+            };
+            let [before, after] = [before, after].map(|v| text::percent(*v));
+            format!(
+                "{probe}: {lamps} lit apart: in bands beside a shadow {before} of the radiance would be lost, now {after}"
+            )
+        }
         LightNote::Window(kept) => format!(
             "{probe}: the window keeps {} of the energy and {} of the contrast",
             text::percent(kept.energy),

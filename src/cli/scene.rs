@@ -129,6 +129,7 @@ fn options_of_relight(file: &SceneFile, isovalues: Option<String>, all: &mut Vec
     let probe = scene.probe.as_ref();
     add("env_rotate", "--env-rotate", probe.and_then(|p| p.rotation).map(|v| v.to_string()));
     add("window", "--window", probe.and_then(|p| p.window).map(String::from));
+    add("sun_split", "--sun-split", probe.and_then(|p| p.sun_split).map(|split| split.to_string()));
     let camera = &scene.camera;
     add("view", "--view", camera.view.clone());
     add("size", "--size", camera.size.map(|[w, h]| format!("{w}x{h}")));
@@ -137,9 +138,6 @@ fn options_of_relight(file: &SceneFile, isovalues: Option<String>, all: &mut Vec
     add("exposure", "--exposure", camera.exposure.clone());
     for output in &scene.outputs {
         add("output", "--output", Some(output.value.clone()));
-    }
-    if probe.is_some_and(|p| p.sun_split == Some(true)) {
-        all.push(("sun_split", "--sun-split".into()));
     }
 }
 

@@ -16,6 +16,7 @@
 //! Mean squares of the differences do not add up to that of the whole, since neighbours in the chain may be correlated;
 //! what is missing is a row of its own, so that the rows sum to the total.
 
+mod apart;
 mod geometry;
 mod photon;
 pub(crate) mod slow;
@@ -24,6 +25,7 @@ mod surface;
 #[cfg(test)]
 mod tests;
 
+pub use apart::Apart;
 pub use geometry::{GeometryComparison, check_geometry, compare_geometry};
 pub use photon::{PhotonComparison, PhotonQuestion, compare_photons};
 pub(crate) use surface::Texels;
@@ -31,11 +33,12 @@ pub use surface::{LitSurface, Vertices, unburied};
 
 use crate::error::Result;
 use crate::geom::Direction;
-use crate::relight::LookupReport;
+use crate::relight::{Light, LookupReport};
 use crate::sampling::{DirectionSample, DirectionalSource};
 use crate::sh::{self, Coefficients};
 use crate::transfer::BrickSource;
 use crate::transport::{Radiance, Settings};
+use apart::exchange;
 
 /// What is compared.
 #[derive(Clone, Copy)]
@@ -46,6 +49,8 @@ pub struct Question<'a> {
     pub textures: &'a [&'a dyn BrickSource],
     /// How they were baked: seed, positive, layers; `None` if not by `path`, so that texels cannot be made again.
     pub baked_by: Option<&'a Settings>,
+    /// Lamps that are lit apart, of a volume alone; else the whole light is cut to the bands.
+    pub apart: Option<Apart<'a>>,
     /// Paths at each point.
     pub paths: u32,
     /// Paths for each texel of the third link of the chain.
@@ -145,9 +150,19 @@ pub fn compare(question: &Question<'_>) -> Result<Comparison> {
     let limited = BandLimited(surface.coefficients);
     let lights: [&dyn DirectionalSource; 2] = [surface.light, &limited];
     let (references, rays) = surface.by_paths(&lights, q.paths, q.seed)?;
-    let [whole, cut] = [0, 1].map(|l| references[l].iter().map(|r| r.mean).collect::<Vec<_>>());
-    let (stored, lookups) = by_store(q)?;
-    let [fine, again] = slow::interpolated(q, &stored)?;
+    let [whole, mut cut] = [0, 1].map(|l| references[l].iter().map(|r| r.mean).collect::<Vec<_>>());
+    let (mut stored, lookups) = in_bands(q)?;
+    let [mut fine, mut again] = slow::interpolated(q, &stored)?;
+    if let Some(apart) = &q.apart {
+        let [few, many] = [false, true].map(|with_many| apart.radiance(surface, with_many));
+        let (few, many) = (few?, many?);
+        exchange(&mut cut, &many, &apart.bands_by_paths(q)?);
+        // Of the others the bands are out already. The noise of the rays is in the row of noise.
+        let nothing = vec![[0.0; 3]; few.len()];
+        exchange(&mut fine, &many, &nothing);
+        exchange(&mut again, &few, &nothing);
+        exchange(&mut stored, &few, &nothing);
+    }
     let links = [&whole, &cut, &fine, &again, &stored];
     let mean = whole.iter().flatten().sum::<f64>() / (3 * whole.len()) as f64;
     let noise = |references: &[Radiance]| {
@@ -170,7 +185,26 @@ pub fn compare(question: &Question<'_>) -> Result<Comparison> {
 /// # Errors
 /// As the textures; an albedo that is none; a texel that was never baked.
 pub fn by_store(q: &Question<'_>) -> Result<(Vec<[f64; 3]>, LookupReport)> {
-    q.surface.by_textures(q.textures, q.surface.coefficients)
+    let (mut stored, lookups) = in_bands(q)?;
+    if let Some(apart) = &q.apart {
+        let nothing = vec![[0.0; 3]; stored.len()];
+        exchange(&mut stored, &apart.radiance(&q.surface, false)?, &nothing);
+    }
+    Ok((stored, lookups))
+}
+
+/// The same without lamps that are lit apart.
+fn in_bands(q: &Question<'_>) -> Result<(Vec<[f64; 3]>, LookupReport)> {
+    let (mut stored, lookups) = q.surface.by_textures(q.textures, q.surface.coefficients)?;
+    if let Some(apart) = &q.apart {
+        let dark = LitSurface { emission: [0.0; 3], ..q.surface };
+        let none = [(); 3].map(|()| Coefficients::zero(1));
+        let direct = Light::per_layer(&[apart.excess.clone(), none])?;
+        let (bands, _) = dark.by_light(q.textures, &direct)?;
+        let nothing = vec![[0.0; 3]; bands.len()];
+        exchange(&mut stored, &nothing, &bands);
+    }
+    Ok((stored, lookups))
 }
 
 /// Mean square of the difference over points and channels.

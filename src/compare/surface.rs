@@ -125,9 +125,17 @@ impl LitSurface<'_> {
         textures: &[&dyn BrickSource],
         light: &[Coefficients; 3],
     ) -> Result<(Vec<[f64; 3]>, LookupReport)> {
-        let light = Light::from_channels(light)?;
+        self.by_light(textures, &Light::from_channels(light)?)
+    }
+
+    /// The same, of light that may differ from layer to layer.
+    pub(super) fn by_light(
+        &self,
+        textures: &[&dyn BrickSource],
+        light: &Light,
+    ) -> Result<(Vec<[f64; 3]>, LookupReport)> {
         let material = Material::new(self.albedo, self.emission)?;
-        let contracted = self.contracted(textures, &light, &material)?;
+        let contracted = self.contracted(textures, light, &material)?;
         let positions: Vec<[f32; 3]> = self.points.iter().map(|p| p.position_in_grid).collect();
         let normals: Vec<[f32; 3]> = self.points.iter().map(|p| p.normal).collect();
         let at_vertices = textures.first().is_some_and(|texture| texture.layout().lattice.is_of_vertices());
@@ -136,11 +144,11 @@ impl LitSurface<'_> {
                 let (index, mut report) = (vertices.index(), LookupReport::default());
                 let places = positions.iter().zip(&normals);
                 let radiance = places.map(|(&position, &normal)| {
-                    contracted.between_vertices(&index, position, normal, &light, &material, &mut report)
+                    contracted.between_vertices(&index, position, normal, light, &material, &mut report)
                 });
                 VertexRadiance { radiance: radiance.collect(), report }
             }
-            None => contracted.look_up(&positions, &normals, &light, &material),
+            None => contracted.look_up(&positions, &normals, light, &material),
         };
         if lit.report.unbaked > 0 {
             let LookupReport { unbaked, lookups, .. } = lit.report;

@@ -85,7 +85,7 @@ impl Scene {
             scales: &[],
             vertices: None,
         };
-        Question { surface, textures, baked_by: Some(baked_by), paths: 64, texel_rays, seed: 7 }
+        Question { surface, textures, baked_by: Some(baked_by), apart: None, paths: 64, texel_rays, seed: 7 }
     }
 
     fn by_paths(

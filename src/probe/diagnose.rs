@@ -83,8 +83,8 @@ pub fn diagnose(probe: &Probe) -> Vec<Finding> {
             "fine light",
             ((100.0 * lost) as u64, 0, "% of the energy"),
             "above degree 4, beyond 5 bands",
-            "5 bands do not carry it: shadows soften, and dark places may ring below 0. --sun-split lights the lamp \
-             itself by rays, --window certified removes the ringing",
+            "5 bands do not carry it. relight lights lamps that would ring apart, by rays; with --sun-split off shadows \
+             soften, and dark places may ring below 0, which --window certified removes",
         ));
     }
     found.extend(aspect(probe));
@@ -142,8 +142,8 @@ fn dominating(probe: &Probe) -> Option<Finding> {
                 azimuth.to_degrees(),
                 elevation.to_degrees()
             ),
-            "no power is lost: the projection integrates over each pixel exactly. A few bands smear it, --sun-split \
-             gives it sharp shadows; nothing is clamped",
+            "no power is lost: the projection integrates over each pixel exactly. A few bands smear it, relight gives \
+             it sharp shadows by rays; nothing is clamped",
         )
     })
 }

@@ -8,7 +8,7 @@
 //! * [`orientation`]: how the environment stands in the world.
 //! * [`fn@project`], [`into_world`]: coefficients in the order and sign of [`crate::sh`].
 //! * [`EnvironmentSource`]: importance sampling.
-//! * [`fn@split_sun`]: the dominant lobe apart from the rest.
+//! * [`fn@split_sun`]: lamps that a band limit would make ring, apart from the rest.
 //! * [`fn@report`]: the figures behind `env show`. [`mod@diagnose`]: what is unusual.
 //!
 //! # Frame
@@ -53,7 +53,7 @@ pub use report::{Report, report};
 pub use source::EnvironmentSource;
 pub use sun::NoSun;
 #[doc(hidden)]
-pub use sun::{Split, SplitSun, Sun, SunOptions, split_sun};
+pub use sun::{Split, SplitSun, Sun, SunOptions, SunSplit, split_sun};
 
 use crate::error::{Error, Result};
 use crate::file;

@@ -2,29 +2,35 @@
 //!
 //! A small bright lobe has energy at all degrees. Cut at a band limit it leaves 13–23 % of error and
 //! rings; taken out and relit by visibility rays it leaves none. What comes out of the image goes into
-//! the [`Sun`], so that rest + sun carry the flux of the original in every channel, to rounding.
+//! the [`Sun`]s, so that rest + suns carry the flux of the original in every channel, to rounding.
 //!
 //! # How
 //! 1. *Peak*: the pixel of greatest luminance. *Background*: the mean luminance of the ring from one to
 //!    two [`SunOptions::max_radius`] around it.
 //! 2. *Region*: all pixels connected to the peak whose luminance is above background + `fraction` ·
 //!    (peak − background). `fraction` is the least of [`FRACTIONS`] with which the region
-//!    stays within the radius; when none does, the light has no compact lobe.
+//!    stays within the radius; when none does, the light has no further compact lobe.
 //! 3. *Fill*: each channel of the region falls to the mean of the ring just around it, where it is above.
 //! 4. *Sun*: what was taken, as a uniform disk with the same flux and the same first moment ∫ L ω dω. The
 //!    first moment gives the direction and the radius (see [`Sun::angular_radius`]), and with both
 //!    kept the irradiance of every surface that has the whole lobe above its horizon is kept, too.
-//! 5. The split is made only where the lobe's energy above the band limit exceeds a tolerance.
+//! 5. *Decision*: lobes are found one below the other, and the strongest are taken as long as what is left
+//!    loses more than a tolerance by the cut: of radiance under a cosine that an edge shadows
+//!    (`truncation`). A lobe that would lose less than [`FAINT`] of the tolerance alone stays.
 
 mod lobe;
+mod truncation;
 
 use super::Probe;
 use super::latlong::LatLong;
 use super::orientation::Orientation;
 use super::sky::Exact;
+use crate::scene::SUN_TOLERANCE;
+pub use crate::scene::{MOST_SUNS, SunSplit};
 use glam::DVec3;
-use lobe::{peel, totals};
+use lobe::{Lobe, peel};
 use std::f64::consts::PI;
+use truncation::{truncation, truncation_of_lamp};
 
 /// Parts of the peak, above the background, at which a lobe may end.
 ///
@@ -63,23 +69,40 @@ impl Sun {
     }
 }
 
+/// Part of the tolerance below which a lobe stays: sixteen of them, wherever they stand, lose together what is tolerated.
+pub const FAINT: f64 = 0.25;
+
+/// Lobes in a row that are too faint before the search for more ends: bright pixels of little light.
+const FAINT_IN_A_ROW: usize = 4;
+
 /// When to take a lobe for a sun.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SunOptions {
     /// Band limit of the direct light: what the lobe carries above it would ring.
     pub bands: usize,
-    /// Part of the environment's energy (∫ L² dω of luminance) that may ring before the lobe is split off.
+    /// Root mean square, over the mean, of what radiance may lose by the cut before lobes are split off.
     pub tolerance: f64,
     /// Largest distance of a lobe's pixels from its peak, in radians.
     pub max_radius: f64,
-    /// Most suns to split off, brightest first.
+    /// Most suns to split off, strongest first.
     pub most: usize,
 }
 
 impl Default for SunOptions {
-    /// 5 bands, a tenth of the energy, 10°, one sun.
+    /// 5 bands, 2 %, 10°, eight suns.
     fn default() -> Self {
-        Self { bands: 5, tolerance: 0.1, max_radius: PI / 18.0, most: 1 }
+        Self { bands: 5, tolerance: SUN_TOLERANCE, max_radius: PI / 18.0, most: MOST_SUNS }
+    }
+}
+
+impl SunOptions {
+    /// Those of a choice, for direct light of some bands; `None` for no split.
+    pub fn of(split: SunSplit, bands: usize) -> Option<Self> {
+        match split {
+            SunSplit::Off => None,
+            SunSplit::Auto => Some(Self { bands, ..Self::default() }),
+            SunSplit::Lobes(most) => Some(Self { bands, most: most.min(MOST_SUNS), tolerance: 0.0, ..Self::default() }),
+        }
     }
 }
 
@@ -90,7 +113,7 @@ pub struct SplitSun {
     pub sun: Sun,
     /// Its part of the environment's flux ∫ L dω, in luminance.
     pub flux_share: f64,
-    /// Its part of the environment's energy ∫ L² dω that lies above the band limit, in luminance.
+    /// What radiance loses by the cut of this lobe, if it had no extent: root mean square over the mean.
     pub ringing: f64,
     /// Pixels it covered; 0 when it was known by formula.
     pub pixels: usize,
@@ -105,12 +128,17 @@ pub enum NoSun {
     Even,
     /// The brightest region reaches beyond the largest radius (in radians).
     Wide(f64),
-    /// The brightest lobe rings less than the tolerance.
+    /// What is left loses less than the tolerance by the cut.
     Smooth {
-        /// Its part of the energy above the band limit.
+        /// Root mean square of what radiance loses, over its mean.
         ringing: f64,
         /// The tolerance.
         tolerance: f64,
+    },
+    /// No compact lobe that is left has enough of the light.
+    Faint {
+        /// What all that is left loses by the cut.
+        ringing: f64,
     },
     /// As many suns as asked for were found.
     Enough,
@@ -126,9 +154,14 @@ impl std::fmt::Display for NoSun {
             }
             Self::Smooth { ringing, tolerance } => write!(
                 f,
-                "the brightest lobe has {:.2} % of the energy above the band limit, within the tolerance of {:.2} %",
+                "the bands lose {:.2} % of the radiance beside a shadow, within the tolerance of {:.2} %",
                 100.0 * ringing,
                 100.0 * tolerance
+            ),
+            Self::Faint { ringing } => write!(
+                f,
+                "the bands lose {:.2} % of the radiance beside a shadow, but no compact lamp has much of that light",
+                100.0 * ringing
             ),
             Self::Enough => write!(f, "as many suns as asked for were split off"),
         }
@@ -144,58 +177,105 @@ pub struct Split {
     pub suns: Vec<SplitSun>,
     /// Why there are no more.
     pub stopped: NoSun,
+    /// What radiance beside a shadow loses when the environment is cut to the bands: root mean square over the mean.
+    pub truncation: f64,
+    /// The same of the rest, over the mean under all of the light.
+    pub truncation_of_rest: f64,
 }
 
-/// Splits the dominant lobes off an environment.
+/// Splits the lobes off an environment that it cannot be cut to some bands with.
 ///
 /// # Panics
 /// When `options.bands` is 0 or above [`crate::sh::MAX_BANDS`].
 pub fn split_sun(probe: &Probe, options: &SunOptions) -> Split {
-    let mut split = Split { rest: probe.clone(), suns: Vec::new(), stopped: NoSun::Enough };
-    if let Some(Exact::Disk { centre, half_angle, radiance }) = probe.exact {
-        split_disk(&mut split, centre, half_angle, radiance, options);
-        return split;
-    }
-    let whole = totals(&probe.image);
-    while split.suns.len() < options.most {
-        match peel(&split.rest.image, whole, options) {
-            Ok((rest, sun)) => {
-                split.rest.image = rest;
-                split.rest.exact = None;
-                split.suns.push(sun);
+    assert!((1..=crate::sh::MAX_BANDS).contains(&options.bands), "{} bands", options.bands);
+    let lost = truncation(&probe.image, options.bands);
+    let mut split = Split {
+        rest: probe.clone(),
+        suns: Vec::new(),
+        stopped: NoSun::Smooth { ringing: lost, tolerance: options.tolerance },
+        truncation: lost,
+        truncation_of_rest: lost,
+    };
+    if probe.image.pixels().iter().flatten().all(|&v| v <= 0.0) {
+        split.stopped = NoSun::Black;
+    } else if lost > options.tolerance {
+        match probe.exact {
+            Some(Exact::Disk { centre, half_angle, radiance }) => {
+                split_disk(&mut split, centre, half_angle, radiance, options)
             }
-            Err(reason) => {
-                split.stopped = reason;
-                break;
-            }
+            _ => split_lobes(&mut split, options),
         }
     }
     split
 }
 
+/// The strongest lobes of an image, until what is left is smooth.
+fn split_lobes(split: &mut Split, options: &SunOptions) {
+    let whole = flux(&split.rest.image);
+    let (mut lobes, stopped) = lobes(&split.rest.image, whole, options);
+    lobes.sort_by(|a, b| mean(b.sun.flux).total_cmp(&mean(a.sun.flux)));
+    split.stopped = stopped;
+    for lobe in lobes {
+        if split.suns.len() == options.most {
+            split.stopped = NoSun::Enough;
+            return;
+        }
+        split.rest.image = lobe.taken_from(&split.rest.image);
+        split.rest.exact = None;
+        let of_rest = mean(flux(&split.rest.image)) / mean(whole);
+        split.truncation_of_rest = truncation(&split.rest.image, options.bands) * of_rest;
+        split.suns.push(lobe.as_sun(whole, options.bands));
+        if split.truncation_of_rest <= options.tolerance {
+            split.stopped = NoSun::Smooth { ringing: split.truncation_of_rest, tolerance: options.tolerance };
+            return;
+        }
+    }
+}
+
+/// The lobes of an image that have enough of its light, as they are found below each other, and why there are no more.
+fn lobes(image: &LatLong, whole: [f64; 3], options: &SunOptions) -> (Vec<Lobe>, NoSun) {
+    let (mut left, mut lobes, mut faint) = (image.clone(), Vec::new(), 0);
+    // Twice as many as are taken: those found first are the brightest, not the strongest.
+    while lobes.len() < 2 * MOST_SUNS && faint < FAINT_IN_A_ROW {
+        let lobe = match peel(&left, options.max_radius) {
+            Ok(lobe) => lobe,
+            Err(reason) => return (lobes, reason),
+        };
+        left = lobe.taken_from(&left);
+        let lost = truncation_of_lamp(mean(lobe.sun.flux) / mean(whole), options.bands);
+        if lost > FAINT * options.tolerance {
+            (faint, _) = (0, lobes.push(lobe));
+        } else {
+            faint += 1;
+        }
+    }
+    (lobes, NoSun::Faint { ringing: truncation(image, options.bands) })
+}
+
+/// ∫ L dω of each channel.
+fn flux(image: &LatLong) -> [f64; 3] {
+    image.mean().map(|v| 4.0 * PI * v)
+}
+
+fn mean(rgb: [f64; 3]) -> f64 {
+    (rgb[0] + rgb[1] + rgb[2]) / 3.0
+}
+
 /// The sun alone, by formula: no need to look for it in its picture.
 fn split_disk(split: &mut Split, centre: DVec3, half_angle: f64, radiance: f64, options: &SunOptions) {
-    let sun = Sun { direction_in_probe: centre, flux: [0.0; 3], angular_radius: half_angle };
-    let energy = radiance * radiance * sun.solid_angle();
-    let kept = split.rest.coefficients(options.bands)[0].energy();
-    let ringing = if energy > 0.0 { (1.0 - kept / energy).max(0.0) } else { 0.0 };
-    split.stopped = if energy <= 0.0 {
-        NoSun::Black
-    } else if half_angle > options.max_radius {
-        NoSun::Wide(options.max_radius)
-    } else if ringing <= options.tolerance {
-        NoSun::Smooth { ringing, tolerance: options.tolerance }
-    } else {
-        NoSun::Enough
-    };
-    if split.stopped != NoSun::Enough || options.most == 0 {
+    if half_angle > options.max_radius {
+        split.stopped = NoSun::Wide(options.max_radius);
         return;
     }
+    let sun = Sun { direction_in_probe: centre, flux: [0.0; 3], angular_radius: half_angle };
     let sun = Sun { flux: [radiance * sun.solid_angle(); 3], ..sun };
     let image = &split.rest.image;
     split.rest.image = LatLong::from_fn(image.width(), image.height(), |_, _| [0.0; 3]);
     split.rest.exact = Some(Exact::Constant(0.0));
+    let ringing = truncation_of_lamp(1.0, options.bands);
     split.suns.push(SplitSun { sun, flux_share: 1.0, ringing, pixels: 0 });
+    (split.truncation_of_rest, split.stopped) = (0.0, NoSun::Enough);
 }
 
 #[cfg(test)]

@@ -29,7 +29,7 @@ mod twin;
 
 pub use clamp::ClampReport;
 pub use contract::{Contracted, LuminaireLight, Noise, Textures, contract};
-pub use exposure::Exposure;
+pub use exposure::{Exposure, without_negative};
 pub use interpolate::{VertexTransfer, look_up_transfer, transfer_at_vertices};
 pub use light::Light;
 pub use lookup::{LookupReport, SurfaceError, VertexRadiance};

@@ -51,7 +51,8 @@ impl<'a> TriangleIndex<'a> {
     pub fn nearest(&self, position_in_grid: [f32; 3]) -> Option<([u32; 3], [f32; 3])> {
         let position = Vec3::from_array(position_in_grid);
         let cell = position.floor().as_ivec3().to_array();
-        let around = (0..27).filter(|i| *i != 13).map(|i| [cell[0] + i % 3 - 1, cell[1] + i / 3 % 3 - 1, cell[2] + i / 9 - 1]);
+        let around =
+            (0..27).filter(|i| *i != 13).map(|i| [cell[0] + i % 3 - 1, cell[1] + i / 3 % 3 - 1, cell[2] + i / 9 - 1]);
         self.nearest_of(position, std::iter::once(cell)).or_else(|| self.nearest_of(position, around))
     }
 
@@ -200,8 +201,7 @@ mod tests {
     fn the_triangle_that_holds_a_point_is_found_whichever_cell_it_is_in() {
         // A flat sheet of two triangles a cell at height 0.5.
         let n = 5;
-        let positions_in_grid: Vec<[f32; 3]> =
-            (0..n * n).map(|i| [(i % n) as f32, (i / n) as f32, 0.5]).collect();
+        let positions_in_grid: Vec<[f32; 3]> = (0..n * n).map(|i| [(i % n) as f32, (i / n) as f32, 0.5]).collect();
         let mut triangles = Vec::new();
         for i in (0..n * (n - 1)).filter(|i| i % n + 1 < n) {
             let [a, b, c, d] = [i, i + 1, i + n, i + n + 1].map(|v| v as u32);
@@ -216,7 +216,10 @@ mod tests {
             let place = |a: usize| -> f32 {
                 triangle.iter().zip(weights).map(|(&v, w)| w * mesh.positions_in_grid[v as usize][a]).sum()
             };
-            assert!((place(0) - p[0]).abs() < 1e-5 && (place(1) - p[1]).abs() < 1e-5, "{p:?}: {triangle:?} {weights:?}");
+            assert!(
+                (place(0) - p[0]).abs() < 1e-5 && (place(1) - p[1]).abs() < 1e-5,
+                "{p:?}: {triangle:?} {weights:?}"
+            );
         }
         assert_eq!(index.nearest([2.0, 2.0, 9.0]), None);
     }

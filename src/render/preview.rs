@@ -220,7 +220,7 @@ impl<T: Sample> Scene<'_, T> {
                     None => contracted.radiance_at(position, normal, light, material, report),
                 };
                 for (disk, factor) in self.suns {
-                    let lit = disk.lit_cosine(&self.field, self.isovalue, hit.at, normal.into(), item, counts);
+                    let (lit, _) = disk.lit_cosine(&self.field, self.isovalue, hit.at, normal.into(), item, counts);
                     rgb = std::array::from_fn(|c| rgb[c] + factor[c] * lit);
                 }
                 Some((rgb, hit.at.in_grid().as_dvec3()))

@@ -13,6 +13,7 @@ mod open;
 mod plan;
 #[doc(hidden)]
 pub mod srgb;
+mod sun_split;
 
 #[doc(hidden)]
 pub use colormap::Colormap;
@@ -34,3 +35,4 @@ pub use open::{DARK, Scene, SceneFile};
 pub use plan::{Effect, Plan};
 #[doc(hidden)]
 pub use plan::{Pilot, PlanInput, Surrounded, plan};
+pub use sun_split::{MOST_SUNS, SUN_TOLERANCE, SunSplit};

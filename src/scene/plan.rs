@@ -4,7 +4,7 @@
 //! The plan does not trace rays itself. What it must measure, a pilot of the transport measures for it
 //! ([`Pilot`]).
 
-use super::Effects;
+use super::{Effects, MOST_SUNS, SUN_TOLERANCE, SunSplit};
 use serde::Serialize;
 
 /// What a small trial bake found.
@@ -84,8 +84,8 @@ pub struct PlanInput<'a> {
     pub convex: bool,
     /// What was switched by hand.
     pub effects: &'a Effects,
-    /// Whether the dominant lamp of the environment is to be lit apart; `None` = not chosen.
-    pub sun_split: Option<bool>,
+    /// Which lamps of the environment are to be lit apart.
+    pub sun_split: SunSplit,
     /// Accepted error of the radiance relative to the brightest light, 0.01 = 1 %.
     pub tolerance: f64,
     /// Bytes of one texel in the store.
@@ -428,13 +428,27 @@ fn bands(input: &PlanInput<'_>) -> Effect {
 }
 
 fn sun_split(input: &PlanInput<'_>) -> Effect {
-    let on = input.effects.switched("sun-split").or(input.sun_split);
-    let reason = match on {
-        Some(true) => "asked for: a dominant lamp is lit by visibility rays at relight, none in the bake",
-        Some(false) => "not asked for: a small sun rings in the bands that are stored",
-        None => "the environment is chosen at relight (--sun-split)",
+    let split = match input.effects.switched("sun-split") {
+        Some(false) => SunSplit::Off,
+        Some(true) if input.sun_split == SunSplit::Off => SunSplit::Auto,
+        _ => input.sun_split,
     };
-    Effect { on: on == Some(true), ..absent("sun-split", "no rays in the bake", reason) }
+    let tolerance = 100.0 * SUN_TOLERANCE;
+    let (on, reason) = match split {
+        _ if input.surroundings.is_some() => {
+            (false, "lamps stay in the environment: the layers hold what the scene sends of them".into())
+        }
+        SunSplit::Off => (false, "not asked for: a small sun rings in the bands that are stored".into()),
+        SunSplit::Auto => {
+            let text = format!(
+                "at relight, of each environment of which the bands lose more than {tolerance} % of the radiance beside a \
+                 shadow: its lamps, at most {MOST_SUNS}, until they lose less; by visibility rays, none in the bake"
+            );
+            (true, text)
+        }
+        SunSplit::Lobes(count) => (true, format!("the {count} strongest lamps, at relight, by visibility rays")),
+    };
+    Effect { on, ..absent("sun-split", "no rays in the bake", &reason) }
 }
 
 fn texels(input: &PlanInput<'_>, valid_share: f64) -> Effect {

@@ -2,8 +2,8 @@
 
 use crate::error::{Error, Result};
 use crate::geom::Up;
-use crate::probe::sun::{SunOptions, split_sun};
-use crate::probe::{EnvFrame, NoSun, Orientation, Probe};
+use crate::probe::sun::{NoSun, SunOptions, SunSplit, split_sun};
+use crate::probe::{EnvFrame, Orientation, Probe};
 use crate::relight::{self, ClampReport, Light};
 use crate::render::SunLight;
 use crate::sh::kernel::{Kept, Window};
@@ -22,8 +22,8 @@ pub struct LightOptions {
     /// What softens the light against ringing. [`Window::Certified`] makes it nowhere negative, and texels that come
     /// out below 0 by noise or rounding 0.
     pub window: Window,
-    /// Whether the dominant lamp is lit apart from the environment, by visibility rays: sharp shadows, no ringing.
-    pub split_sun: bool,
+    /// Which lamps are lit apart from the environment, by visibility rays: sharp shadows, no ringing.
+    pub split_sun: SunSplit,
 }
 
 impl LightOptions {
@@ -34,6 +34,23 @@ impl LightOptions {
     pub fn orientation(&self, up: Up) -> Result<Orientation> {
         Ok(Orientation::new(up, self.rotation_degrees)?.in_frame(self.frame))
     }
+
+    /// For a scene: lamps that nobody asked to be lit apart stay, since the layers hold what its walls and other volumes
+    /// send of them.
+    pub fn in_scene(mut self) -> Self {
+        if self.split_sun == SunSplit::Auto {
+            self.split_sun = SunSplit::Off;
+        }
+        self
+    }
+
+    /// When lobes are taken for lamps, if so.
+    fn sun_options(&self, bands: usize) -> Option<SunOptions> {
+        match (self.split_sun, self.window) {
+            (SunSplit::Auto, window) if window != Window::None => None,
+            (split, _) => SunOptions::of(split, bands),
+        }
+    }
 }
 
 /// What was done to light, for whom it may concern.
@@ -42,12 +59,17 @@ impl LightOptions {
 pub enum LightNote {
     /// No sun was split off, and why.
     NoSun(NoSun),
-    /// A sun was split off and is lit apart.
-    Sun {
-        /// Its part of the environment's flux.
+    /// Lamps were split off and are lit apart.
+    Suns {
+        /// How many.
+        count: usize,
+        /// Their part of the environment's flux.
         share: f64,
-        /// Half the angle across, in radians.
+        /// Half the angle across that of the strongest, in radians.
         angular_radius: f64,
+        /// What radiance beside a shadow would lose if the environment were cut to the bands with them, and what it loses
+        /// without them: root mean square over the mean.
+        truncation: [f64; 2],
     },
     /// What a window kept of the layer that it took most of.
     Window(Kept),
@@ -56,7 +78,7 @@ pub enum LightNote {
 }
 
 /// Visibility rays for each surface point and sun.
-const SUN_RAYS: u32 = 16;
+pub const SUN_RAYS: u32 = 16;
 
 /// An environment, ready to be multiplied with transfer.
 #[derive(Clone, Debug)]
@@ -99,18 +121,21 @@ impl<'p> Lighting<'p> {
         let mut suns = Vec::new();
         let mut rest = None;
         let mut direct = whole.clone();
-        if options.split_sun {
-            let split = split_sun(probe, &SunOptions { bands, ..SunOptions::default() });
-            if split.suns.is_empty() {
-                notes.push(LightNote::NoSun(split.stopped));
-            } else {
+        if let Some(sun_options) = options.sun_options(layers.bands()[0].min(bands)) {
+            let split = split_sun(probe, &sun_options);
+            if let Some(strongest) = split.suns.first() {
                 direct = split.rest.coefficients_in_world(bands, orientation);
-                rest = Some(split.rest);
+                notes.push(LightNote::Suns {
+                    count: split.suns.len(),
+                    share: split.suns.iter().map(|s| s.flux_share).sum(),
+                    angular_radius: strongest.sun.angular_radius,
+                    truncation: [split.truncation, split.truncation_of_rest],
+                });
+            } else {
+                notes.push(LightNote::NoSun(split.stopped));
             }
-            for s in &split.suns {
-                notes.push(LightNote::Sun { share: s.flux_share, angular_radius: s.sun.angular_radius });
-                suns.push(SunLight::new(&s.sun, orientation, SUN_RAYS));
-            }
+            suns.extend(split.suns.iter().map(|s| SunLight::new(&s.sun, orientation, SUN_RAYS)));
+            rest = (!split.suns.is_empty()).then_some(split.rest);
         }
         let prepared = relight::prepare(&direct, &whole, layers, options.window)?;
         if options.window != Window::None {

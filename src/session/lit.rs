@@ -34,6 +34,11 @@ pub struct LitTexels<'t> {
 }
 
 impl<'t> LitTexels<'t> {
+    /// The light that it is under.
+    pub fn lighting(&self) -> &Lighting<'t> {
+        self.lighting
+    }
+
     /// What the surface is made of.
     pub fn material(&self) -> &Material {
         &self.material
@@ -55,18 +60,20 @@ impl<'t> LitTexels<'t> {
                 true => texels.at_vertices(&mesh.normals, &lighting.light, material),
                 false => texels.look_up(&mesh.positions_in_grid, &mesh.normals, &lighting.light, material),
             };
+            let first = errors.len();
+            errors.extend(match is_of_vertices {
+                true => texels.vertex_errors(mesh.normals.len()),
+                false => texels.look_up_errors(&mesh.positions_in_grid),
+            });
             for sun in &lighting.suns {
                 let (volume, isovalue) = (member.volume(), part.isosurface.isovalue());
                 let (positions, normals) = (&mesh.positions_in_grid, &mesh.normals);
                 let seen = sun_visibility(volume, member.pyramid(), isovalue, positions, normals, sun);
                 lit.add_sun(&seen.lit, sun.flux, material);
+                add_noise(&mut errors[first..], &seen.variance, material.sun_factor(sun.flux));
                 sun_rays += seen.counts.rays;
             }
             check_baked(member.store(), part.isosurface.isovalue(), &lit.report)?;
-            errors.extend(match is_of_vertices {
-                true => texels.vertex_errors(mesh.normals.len()),
-                false => texels.look_up_errors(&mesh.positions_in_grid),
-            });
             report += lit.report;
             radiance.extend(lit.radiance);
         }
@@ -76,6 +83,14 @@ impl<'t> LitTexels<'t> {
             rayon::join(|| SurfaceError::new(&radiance, &errors), || (rms_over_mean(&radiance, &errors), negative()));
         let total = None;
         Ok(Lit { texels: self, radiance, errors, report, exposure, error, rms_over_mean, negative, sun_rays, total })
+    }
+}
+
+/// Adds the variance of the rays to a sun, of this radiance per visible cosine, to standard errors of the mean of the channels.
+fn add_noise(errors: &mut [f32], variance: &[f32], factor: [f32; 3]) {
+    let mean = (factor[0] + factor[1] + factor[2]) / 3.0;
+    for (error, variance) in errors.iter_mut().zip(variance).filter(|(_, variance)| **variance > 0.0) {
+        *error = (*error * *error + mean * mean * variance).sqrt();
     }
 }
 
@@ -171,7 +186,7 @@ impl<'t> Lit<'t> {
         self.total
     }
 
-    /// Vertices with a negative channel, which shows as 0: ringing of the band-limited light.
+    /// Vertices with a negative channel, which [`crate::relight::without_negative`] shows: ringing of the band-limited light.
     pub fn negative_vertices(&self) -> u64 {
         self.negative
     }

@@ -48,7 +48,7 @@ mod write;
 mod tests;
 
 pub use isosurface::Isosurface;
-pub use light::{LightNote, LightOptions, Lighting};
+pub use light::{LightNote, LightOptions, Lighting, SUN_RAYS};
 pub use lit::{Lit, LitOptions, LitTexels};
 pub use member::Member;
 #[doc(hidden)]
@@ -205,6 +205,11 @@ impl<'a> Session<'a> {
     /// # Errors
     /// As [`Lighting::new`].
     pub fn light<'p>(&self, probe: &'p Probe, options: &LightOptions) -> Result<Lighting<'p>> {
-        Lighting::new(probe, self.up, &self.first().store().layout().layers, options)
+        let store = self.first().store();
+        let options = match store.identity().scene {
+            Some(_) => &options.clone().in_scene(),
+            None => options,
+        };
+        Lighting::new(probe, self.up, &store.layout().layers, options)
     }
 }

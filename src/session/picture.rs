@@ -8,7 +8,7 @@ use crate::export::Image;
 use crate::geom::{Bounds, Up};
 use crate::level::Counts;
 use crate::probe::LatLong;
-use crate::relight::{Contracted, LookupReport, Material};
+use crate::relight::{Contracted, LookupReport, Material, without_negative};
 use crate::render::{Camera, Picture, Projection, RenderOptions, Subject, View, radiance_along, render};
 use crate::scene::srgb;
 use glam::{DMat3, DVec3};
@@ -335,7 +335,7 @@ fn develop(picture: &Picture, factor: f32, tone: Tone, behind: &dyn Fn(usize, us
         if coverage <= 0.0 {
             return background;
         }
-        let colour = tone.apply([r, g, b].map(|v| v / coverage * factor));
+        let colour = tone.apply(without_negative([r, g, b].map(|v| v / coverage)).map(|v| v * factor));
         let alpha = coverage + background[3] * (1.0 - coverage);
         let mix = |c: usize| (colour[c] * coverage + background[c] * background[3] * (1.0 - coverage)) / alpha;
         [mix(0), mix(1), mix(2), alpha]

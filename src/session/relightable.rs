@@ -6,8 +6,8 @@
 //! `_T<k>_<R|G|B>_SH_DEGREE_<l>_COEF_<n>`, and one number a layer and channel of the level set's own emission,
 //! `_G<k>_EMISSION_<R|G|B>`, and of each luminaire, `_LUMINAIRE_<i>_G<k>_<R|G|B>`.
 
-use super::{Isosurface, LuminaireFactor};
 use super::textures::Groups;
+use super::{Isosurface, LuminaireFactor};
 use crate::error::{Error, Result};
 use crate::export::gltf::Scalars;
 use crate::geom::Up;
@@ -67,7 +67,8 @@ fn names(groups: &Groups<'_>) -> Vec<String> {
     names
 }
 
-/// What a reader needs to relight: the light, the material, and how they go together.
+/// What a reader needs to relight: the light, the material, and how they go together. Where lamps are lit apart, the light
+/// is what the layers of reflected light see, which have them; only the colours of the file have their sharp shadows.
 pub(super) fn extras(
     (store, factors): (&Store, &[LuminaireFactor]),
     probe: &Probe,
@@ -76,6 +77,7 @@ pub(super) fn extras(
     up: Up,
     rotation: f64,
     exposure: f32,
+    lamps: usize,
 ) -> Result<Value> {
     let groups = Groups::open(store, factors)?;
     let layers = groups.layers();
@@ -86,9 +88,11 @@ pub(super) fn extras(
         "attributes": "_T<k>_SH_DEGREE_<l>_COEF_<n>: layer k (light reflected k times), degree l, order m = n - l, in world axes",
         "basis": "real, orthonormal, no Condon-Shortley sign: Y_1,-1 = 0.488603 y, Y_1,0 = 0.488603 z, Y_1,1 = 0.488603 x",
         "formula": "radiance = sum_k albedo^(k+1) <T_k, L> + tail; COLOR_0 = clamp(exposure * radiance, 0, 1)",
+        "negative": "before exposure, radiance with a channel below 0 (least) becomes Y + Y/(Y - least) (radiance - Y), Y its luminance 0.2126 R + 0.7152 G + 0.0722 B; 0 where Y <= 0",
         "tail": "albedo^(K+1) <T_K, L> x/(1-x), x = albedo * min(a_K/a_(K-1), S/(S+a_K)), a_k = sqrt(4 pi) T_k,00, S = max(0, 1 - sum a_k); none for one layer",
         "bands": layers.bands(),
-        "light": { "name": probe.name, "rotation_degrees": rotation, "coefficients_in_world": light.coefficients(0) },
+        "light": { "name": probe.name, "rotation_degrees": rotation, "coefficients_in_world": light.coefficients(usize::from(lamps > 0)) },
+        "lamps_lit_apart": lamps,
         "albedo": material.albedo, "emission": material.emission, "exposure": exposure,
         "world_from_upright": (0..turn.bands()).map(|l| turn.block(l)).collect::<Vec<_>>(),
     });

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::bake::{self, Request, Silent};
-use crate::probe::{self, LatLong};
+use crate::probe::{self, LatLong, SunSplit};
 use crate::relight::{Exposure, Material};
 use crate::scene::Effects;
 use crate::sh::Window;
@@ -34,7 +34,7 @@ fn steps_give_what_the_whole_gives_and_a_volume_read_before_what_the_store_holds
     let store = store(folder.path());
     let session = Session::open(&store).unwrap();
     let probe = probe::by_name("sun:30,40").unwrap().unwrap();
-    let options = LightOptions { split_sun: true, window: Window::Certified, ..LightOptions::default() };
+    let options = LightOptions { split_sun: SunSplit::Lobes(1), window: Window::Certified, ..LightOptions::default() };
     let light = session.light(&probe, &options).unwrap();
     let surface = session.surface(ISOVALUE).unwrap();
     let whole = surface.lit(&light, &material(), &LitOptions::default()).unwrap();
@@ -48,7 +48,7 @@ fn steps_give_what_the_whole_gives_and_a_volume_read_before_what_the_store_holds
     assert_eq!(whole.radiance(), steps.radiance());
     assert_eq!(whole.record(), steps.record());
     let told = whole.notes();
-    assert!(matches!(told[..], [LightNote::Sun { .. }, LightNote::Window(_), LightNote::Clamped(_)]), "{told:?}");
+    assert!(matches!(told[..], [LightNote::Suns { .. }, LightNote::Window(_), LightNote::Clamped(_)]), "{told:?}");
 }
 
 #[test]
@@ -102,4 +102,30 @@ fn unknown_luminaires_members_and_negative_light_that_is_to_be_certified_are_ref
     probe.image = LatLong::new(2, 1, vec![[1.0; 3], [1.0, -0.5, 1.0]]).unwrap();
     let certified = LightOptions { window: Window::Certified, ..LightOptions::default() };
     refused(session.light(&probe, &certified).map(|_| ()), "window");
+}
+
+/// An environment without lamps is multiplied as ever; one with a lamp is so where that is asked for, and under a window.
+#[test]
+fn lamps_are_split_off_where_they_ring_and_nowhere_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let session = Session::open(&store).unwrap();
+    let surface = session.surface(ISOVALUE).unwrap();
+    let lit = |name: &str, split_sun: SunSplit, window: Window| {
+        let probe = probe::by_name(name).unwrap().unwrap();
+        let light = session.light(&probe, &LightOptions { split_sun, window, ..Default::default() }).unwrap();
+        let lit = surface.lit(&light, &material(), &LitOptions::default()).unwrap();
+        let bits = |v: f32| v.to_bits();
+        let radiance: Vec<[u32; 3]> = lit.radiance().iter().map(|rgb| rgb.map(bits)).collect();
+        (light.suns().len(), radiance, lit.standard_errors().iter().map(|&v| bits(v)).collect::<Vec<u32>>())
+    };
+    for sky in ["constant", "gradient", "overcast"] {
+        assert_eq!(lit(sky, SunSplit::Auto, Window::None), lit(sky, SunSplit::Off, Window::None), "{sky}");
+    }
+    let [auto, off] = [SunSplit::Auto, SunSplit::Off].map(|split| lit("sun:30,40", split, Window::None));
+    assert_eq!((auto.0, off.0), (1, 0));
+    assert!(auto.1 != off.1);
+    for window in [Window::Lanczos, Window::Certified] {
+        assert_eq!(lit("sun:30,40", SunSplit::Auto, window), lit("sun:30,40", SunSplit::Off, window));
+    }
 }

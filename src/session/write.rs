@@ -46,7 +46,9 @@ impl Lit<'_> {
             let lit = (session.members()[0].store(), &*texels.luminaires);
             let rotation = lighting.options.rotation_degrees;
             let (light, material, up) = (&lighting.light, &texels.material, session.up());
-            file.mesh_extras = relightable::extras(lit, lighting.probe, light, material, up, rotation, self.exposure)?;
+            let (exposure, lamps) = (self.exposure, lighting.suns.len());
+            file.mesh_extras =
+                relightable::extras(lit, lighting.probe, light, material, up, rotation, exposure, lamps)?;
         }
         self.with_mesh(options.radiance, |mesh| {
             atomic::write(path, |w| gltf::write(w, mesh, &file))?;
@@ -110,7 +112,7 @@ impl Lit<'_> {
             "environment": lighting.probe.name,
             "env_rotate_degrees": options.rotation_degrees, "env_frame": options.frame.name(),
             "bands": options.bands.unwrap_or(member.store().layout().layers.max_bands()),
-            "window": options.window.name(),
+            "window": options.window.name(), "lamps_lit_apart": lighting.suns.len(),
             "albedo": texels.material.albedo,
             "emission": texels.material.emission,
             "exposure_ev": self.exposure_in_stops(),

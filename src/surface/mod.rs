@@ -69,8 +69,7 @@ impl Mesh {
         let mut place = vec![0u32; order.len()];
         order.iter().enumerate().for_each(|(new, &old)| place[old as usize] = new as u32);
         let sorted = |of: &[[f32; 3]]| order.iter().filter_map(|&v| of.get(v as usize).copied()).collect();
-        let mut triangles: Vec<[u32; 3]> =
-            self.triangles.iter().map(|t| t.map(|v| place[v as usize])).collect();
+        let mut triangles: Vec<[u32; 3]> = self.triangles.iter().map(|t| t.map(|v| place[v as usize])).collect();
         triangles.sort_by_key(|t| t.iter().copied().min());
         Self { positions_in_grid: sorted(&self.positions_in_grid), normals: sorted(&self.normals), triangles }
     }
@@ -80,9 +79,15 @@ impl Mesh {
 fn morton(cell: [u32; 3]) -> u64 {
     let spread = |v: u32| {
         // Each step doubles the gaps between halves of the bits.
-        [(32, 0x1f_0000_0000_ffff), (16, 0x1f_0000_ff00_00ff), (8, 0x100f_00f0_0f00_f00f), (4, 0x10c3_0c30_c30c_30c3), (2, 0x1249_2492_4924_9249)]
-            .iter()
-            .fold(u64::from(v) & 0x1f_ffff, |bits, &(shift, mask)| (bits | bits << shift) & mask)
+        [
+            (32, 0x1f_0000_0000_ffff),
+            (16, 0x1f_0000_ff00_00ff),
+            (8, 0x100f_00f0_0f00_f00f),
+            (4, 0x10c3_0c30_c30c_30c3),
+            (2, 0x1249_2492_4924_9249),
+        ]
+        .iter()
+        .fold(u64::from(v) & 0x1f_ffff, |bits, &(shift, mask)| (bits | bits << shift) & mask)
     };
     spread(cell[0]) | spread(cell[1]) << 1 | spread(cell[2]) << 2
 }

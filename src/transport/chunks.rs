@@ -217,7 +217,9 @@ mod tests {
                 Ok(())
             };
             pool(threads)
-                .install(|| for_each_chunk(&lattice(), &chunks(64), &progress, &|_| Ok(()), &work, &mut hand_on, &mut |()| {}))
+                .install(|| {
+                    for_each_chunk(&lattice(), &chunks(64), &progress, &|_| Ok(()), &work, &mut hand_on, &mut |()| {})
+                })
                 .unwrap();
             // The fifth was in work when the flag was set; other threads may have begun one more each.
             match cancel {
@@ -238,8 +240,9 @@ mod tests {
             let mut hand_on = |_: [usize; 3], _: Vec<Option<()>>| Ok(());
             let progress = Progress::default();
             let work = |_: &mut (), _: &(), _: [usize; 3], _: usize| Some(());
-            let found = pool(threads)
-                .install(|| for_each_chunk(&lattice(), &chunks(8), &progress, &load, &work, &mut hand_on, &mut |()| {}));
+            let found = pool(threads).install(|| {
+                for_each_chunk(&lattice(), &chunks(8), &progress, &load, &work, &mut hand_on, &mut |()| {})
+            });
             assert!(found.unwrap_err().to_string().contains('3'));
         }
     }

@@ -25,7 +25,7 @@
 use super::samples::{self, BLOCK};
 use super::texels::{Texels, reduced};
 use crate::error::{Error, Result};
-use crate::probe::{Orientation, Probe};
+use crate::probe::{Orientation, Probe, SunOptions, split_sun};
 use crate::relight::{Light, Material, Textures, contract};
 use crate::scene::Colormap;
 use crate::scene::srgb::byte_from_linear;
@@ -394,9 +394,19 @@ fn push_probes(payload: &mut Payload, subject: &Subject<'_>, texels: &Texels<'_>
         payload.push(&format!("picture.{i}"), bytemuck::cast_slice(&picture(probe)));
         list.push(json!({
             "name": probe.name, "coefficients": coefficients, "size": PICTURE, "relative_error": noise.relative(),
+            "lamps": lamps(subject, probe),
         }));
     }
     Ok(list)
+}
+
+/// The lamps that relight lights by rays, which the page does not trace.
+fn lamps(subject: &Subject<'_>, probe: &Probe) -> Value {
+    let bands = subject.textures.layout().layers.bands()[0];
+    let split =
+        (subject.surrounded.is_none()).then(|| split_sun(probe, &SunOptions { bands, ..SunOptions::default() }));
+    let suns = split.map_or(Vec::new(), |split| split.suns);
+    json!({ "count": suns.len(), "share": suns.iter().map(|s| s.flux_share).sum::<f64>() })
 }
 
 /// A small picture of a probe: means over the pixels of each part of the image.

@@ -37,7 +37,7 @@ async function serve(store, ...options) {
 function pictureOfProgram(store, name, { isovalue, env, rotation, albedo, exposure, azimuth, elevation, more = [] }) {
   const file = join(out, `${name}-program.png`);
   const options = ["relight", store, "-q", "--isovalue", isovalue, "--env", env, "--env-rotate", rotation, "--exposure", exposure,
-    "--view", `${azimuth},${elevation}`, "--frame", "box", "--size", SIZE.join("x"), "--background", "transparent", "-o", file, ...more];
+    "--view", `${azimuth},${elevation}`, "--frame", "box", "--size", SIZE.join("x"), "--background", "transparent", "--sun-split", "off", "-o", file, ...more];
   execFileSync(program, (more.length ? options : [...options, "--albedo", albedo]).map(String), { stdio: ["ignore", "ignore", "inherit"] });
   return `data:image/png;base64,${readFileSync(file).toString("base64")}`;
 }

@@ -78,7 +78,8 @@ fn a_furnace_is_uniform_and_the_rows_sum() {
         positive: false,
     };
     let baked_by = Some(&settings);
-    let question = Question { surface, textures: &textures, baked_by, paths: 64, texel_rays: 256, seed: 3 };
+    let question =
+        Question { surface, textures: &textures, baked_by, apart: None, paths: 64, texel_rays: 256, seed: 3 };
     let found = compare(&question).expect("a comparison");
     let count = points.len() as f64;
     assert!(count > 100.0, "{count}");

@@ -9,6 +9,8 @@ fn a_store_is_compared_and_the_budget_sums() {
     bench.run("bake bumpbox:32 --isovalues 47 --rays 64 -o b.isolume");
     let line =
         "compare b.isolume --isovalue 47 --env gradient --env sun:30,50,20 --points 200 --paths 64 --texel-rays 256";
+    let apart = bench.json(line);
+    let line = &format!("{line} --sun-split off");
     let found = bench.json(line);
     let rows = found["rows"].as_array().unwrap();
     assert_eq!(rows.len(), 2);
@@ -21,6 +23,15 @@ fn a_store_is_compared_and_the_budget_sums() {
     // cut off.
     let truncation = |i: usize| rows[i]["budget_mean_square"]["truncation"].as_f64().unwrap();
     assert!(truncation(1) > 4.0 * truncation(0), "{} {}", truncation(0), truncation(1));
+    // By default lamps are lit apart, as relight does: nothing of them is cut off, and a sky without any stays as it is.
+    let whole = |found: &Value, i: usize| found["rows"][i]["whole"]["relative_rms"]["value"].as_f64().unwrap();
+    assert!(whole(&apart, 1) < 0.7 * whole(&found, 1), "{} {}", whole(&apart, 1), whole(&found, 1));
+    assert_eq!(whole(&apart, 0), whole(&found, 0));
+    let sum = |i: usize| -> f64 {
+        let rows = apart["rows"][i]["budget_mean_square"].as_object().unwrap();
+        rows.values().map(|v| v.as_f64().unwrap()).sum()
+    };
+    assert!((sum(1) - whole(&apart, 1).powi(2)).abs() < 1e-9, "{apart}");
     let text = bench.run(line);
     assert!(text.contains("truncation") && text.contains("its bands"), "{text}");
     for (line, code, word) in [

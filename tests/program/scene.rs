@@ -86,10 +86,13 @@ fn the_plan_names_every_effect_and_switches_state_their_price() {
     let plan = rows("plan gyroid:24");
     let names: Vec<&str> = plan.iter().filter_map(|e| e["name"].as_str()).collect();
     assert_eq!(names, isolume::scene::EFFECTS);
-    for absent in ["walls", "luminaires", "caustics", "media", "colour-channels", "emission", "sun-split"] {
+    for absent in ["walls", "luminaires", "caustics", "media", "colour-channels", "emission"] {
         assert_eq!(row(&plan, absent)["on"], false, "{absent}");
         assert_eq!(row(&plan, absent)["cost_share"], 0.0, "{absent}");
     }
+    // Which lamps is for the environment to say, at relight.
+    let split = row(&plan, "sun-split");
+    assert!(split["on"] == true && split["reason"].as_str().is_some_and(|r| r.contains("2 %")), "{split}");
     let costs: f64 = plan.iter().filter_map(|e| e["cost_share"].as_f64()).sum();
     assert!((costs - 1.0).abs() < 1e-9, "{costs}");
     // Without interreflection there is one layer, and its price is larger.

@@ -61,7 +61,14 @@ impl<'a> MemberBakes<'a> {
         volume.notes.iter().for_each(|note| self.console.note(&note.text));
         let (bands, effects) = (self.file.and_then(scene::bands).unwrap_or(vec![5]), self.transfer.effects());
         let of_member = (volume, member.label.as_str(), member.geometry.as_ref());
-        let job = baking::request_of_cache(of_member, self.transfer, &bands, isovalues, (self.seed, self.lights.clone()), &effects)?;
+        let job = baking::request_of_cache(
+            of_member,
+            self.transfer,
+            &bands,
+            isovalues,
+            (self.seed, self.lights.clone()),
+            &effects,
+        )?;
         // The first decides the name of the store, which proves whose it is; the others only join it.
         let writing = if self.path.is_none() { job.writing } else { Writing::default() };
         let job = Request { writing, ..job };

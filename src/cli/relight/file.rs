@@ -70,7 +70,8 @@ impl Context<'_> {
     pub(super) fn light(&self, surface: &Surface<'_>, probe: &Probe, target: Target) -> Outcome<Written> {
         let c = self.command;
         let isovalue = surface.parts()[0].isosurface().isovalue();
-        let lighting = self.session.light(probe, &c.light.options(c.splits_sun())).map_err(by_option)?;
+        let in_scene = self.session.members()[0].store().identity().scene.is_some();
+        let lighting = self.session.light(probe, &c.light_options(in_scene)).map_err(by_option)?;
         let material = Material::new(self.rule.albedo(isovalue), self.emission.at(isovalue))?;
         let mut times = Times::default();
         let start = Instant::now();
@@ -95,7 +96,7 @@ impl Context<'_> {
             remainder: lit.emission_remainder(),
             camera: Counts::default(),
             sun_rays: lit.sun_rays(),
-            notes: lit.notes().iter().map(|note| sentence(&probe.name, note)).collect(),
+            notes: lit.notes().iter().filter(|note| c.tells(note)).map(|note| sentence(&probe.name, note)).collect(),
             bytes: 0,
             what: String::new(),
         };
@@ -139,7 +140,7 @@ impl Context<'_> {
             let options = args.options(up, turned, wall_paths);
             let picture = |texels: &LitTexels<'_>| texels.picture(lit.exposure(), &options);
             let still = if args.turns_light() && index > 0 {
-                let mut light = c.light.options(c.splits_sun());
+                let mut light = lit.texels().lighting().options().clone();
                 light.rotation_degrees += turned;
                 let lighting = self.session.light(probe, &light)?;
                 picture(&surface.contract(&lighting, lit.texels().material(), &c.light.luminaires)?)

@@ -17,10 +17,12 @@ use super::options::TransferArgs;
 use super::picture::PictureArgs;
 use super::{Failure, Outcome, info, options, text};
 use crate::error::Error;
-use crate::probe::{Probe, SunOptions, split_sun};
+use crate::probe::sun::MOST_SUNS;
+use crate::probe::{Probe, SunOptions, SunSplit, split_sun};
 use crate::scene::geometry::Geometry;
 use crate::scene::{EmissionRule, MaterialRule, Scene, SceneFile};
-use crate::session::{MeshOptions, Part, Session};
+use crate::session::{LightNote, LightOptions, MeshOptions, Part, Session};
+use crate::sh::Window;
 use crate::transfer::store::{FRONT_NOT_RECORDED, Store};
 use crate::volume::Volume;
 use crate::volume::isovalue::Level;
@@ -361,14 +363,20 @@ impl Relight {
         Ok(probes)
     }
 
-    /// Says what a lamp that dominates does to light of a few bands, and what helps.
+    /// Says what a lamp that stays in light of a few bands does to it, and what helps.
     fn tell_of_lamps(&self, probes: &[Probe], console: &Console) {
-        for probe in probes.iter().filter(|_| !self.splits_sun()) {
+        let options = self.light_options(false);
+        let why = match (options.split_sun, options.window) {
+            (SunSplit::Off, _) if self.mesh.transfer && self.sun_split().is_none() => "--transfer carries no rays",
+            (SunSplit::Auto, window) if window != Window::None => "--window leaves it there",
+            _ => return,
+        };
+        for probe in probes {
             let split = split_sun(probe, &SunOptions::default());
             if let Some(lamp) = split.suns.first().filter(|lamp| lamp.flux_share > DOMINANT) {
                 console.note(format!(
-                    "{}: a lamp {:.1}° across has {} of the light: a few bands blur its shadows, ring, and show noise as \
-                     spots; --sun-split lights it directly, --window lanczos stops the ringing",
+                    "{}: a lamp {:.1}° across has {} of the light and stays in it ({why}): a few bands blur its shadows; \
+                     --sun-split lights it directly",
                     probe.name,
                     2.0 * lamp.sun.angular_radius.to_degrees(),
                     text::percent(lamp.flux_share)
@@ -420,9 +428,29 @@ impl Relight {
         }
     }
 
-    /// Whether dominant lamps are lit apart.
-    fn splits_sun(&self) -> bool {
-        self.transfer.effects().switched("sun-split").unwrap_or(self.light.sun_split)
+    /// Which lamps are lit apart, where that was asked for.
+    fn sun_split(&self) -> Option<SunSplit> {
+        match self.transfer.effects().switched("sun-split") {
+            Some(false) => Some(SunSplit::Off),
+            Some(true) => Some(self.light.sun_split.filter(|split| *split != SunSplit::Off).unwrap_or_default()),
+            None => self.light.sun_split,
+        }
+    }
+
+    /// How environments light a volume alone, or a scene: there lamps are split off only where that was asked for, and
+    /// then refused.
+    fn light_options(&self, in_scene: bool) -> LightOptions {
+        let otherwise = if in_scene || self.mesh.transfer { SunSplit::Off } else { SunSplit::Auto };
+        let split = match self.sun_split() {
+            Some(SunSplit::Auto) if in_scene => SunSplit::Lobes(MOST_SUNS),
+            asked => asked.unwrap_or(otherwise),
+        };
+        self.light.options(split)
+    }
+
+    /// Whether a note is for who gave the command: that no lamp was split off is for who asked for it.
+    fn tells(&self, note: &LightNote) -> bool {
+        !matches!(note, LightNote::NoSun(_)) || self.sun_split().is_some()
     }
 
     /// The isovalues asked for; `auto` is the one that the store holds, if it holds only some.

@@ -156,8 +156,8 @@ pub(super) fn report(console: &Console, relit: &Relit) {
             n => format!(" and fewer in {} other files", n - 1),
         };
         console.note(format!(
-            "{path}: {count} vertices{others} have a negative channel (ringing of the band-limited light), shown as 0; \
-             --window softens it"
+            "{path}: {count} vertices{others} have a negative channel (ringing of the band-limited light), shown in \
+             their hue as far as they have light; --window softens it"
         ));
     }
     for w in written {

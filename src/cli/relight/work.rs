@@ -165,7 +165,7 @@ impl<'a> Work<'a> {
         let transfer = &self.command.transfer;
         let layers = layout_of_scene(transfer.layout(self.volume, &bands)?, self.geometry).layers;
         let albedo = self.rule.largest_albedo(Some(&self.isovalues));
-        let lights = lights(self.command, self.probes, (self.up, &layers), albedo)?;
+        let lights = lights(self.command, self.probes, (self.up, &layers, self.geometry.is_some()), albedo)?;
         let job = baking::request_of_cache(of_volume, transfer, &bands, isovalues, (seed, lights), &self.effects)?;
         baking::check(&job)?;
         let cache = Cache::locate(self.command.cache.as_deref())?;
@@ -233,10 +233,10 @@ impl<'a> Work<'a> {
 pub(super) fn lights(
     command: &Relight,
     probes: &[Probe],
-    (up, layers): (Up, &Layers),
+    (up, layers, in_scene): (Up, &Layers, bool),
     albedo: f32,
 ) -> Outcome<Vec<ForLight>> {
-    let options = command.light.options(command.splits_sun());
+    let options = command.light_options(in_scene);
     let each = probes.iter().map(|probe| {
         let lighting = Lighting::new(probe, up, layers, &options).map_err(by_option)?;
         let of_layer = |k: usize| -> [Coefficients; 3] {
@@ -248,7 +248,11 @@ pub(super) fn lights(
             }
             channels
         };
-        let turned = if options.rotation_degrees == 0.0 { String::new() } else { format!(" turned {}°", options.rotation_degrees) };
+        let turned = if options.rotation_degrees == 0.0 {
+            String::new()
+        } else {
+            format!(" turned {}°", options.rotation_degrees)
+        };
         let name_in_store = format!("{}{turned}", probe.name);
         Ok(ForLight { name: probe.name.clone(), name_in_store, light: of_layer(1), direct: Some(of_layer(0)), albedo })
     });

@@ -1,34 +1,10 @@
 //! The search for the brightest lobe of an image, and the disk that stands for it.
 
 use super::super::latlong::{LUMINANCE, LatLong, direction_at, luminance};
-use super::super::project::project;
-use super::{FRACTIONS, NoSun, SplitSun, Sun, SunOptions};
-use crate::sh::Coefficients;
+use super::truncation::truncation_of_lamp;
+use super::{FRACTIONS, NoSun, SplitSun, Sun, mean};
 use glam::DVec3;
 use std::f64::consts::PI;
-
-/// Flux and energy of an image, in luminance.
-#[derive(Clone, Copy)]
-pub(super) struct Totals {
-    flux: f64,
-    energy: f64,
-}
-
-pub(super) fn totals(image: &LatLong) -> Totals {
-    let mut sum = Totals { flux: 0.0, energy: 0.0 };
-    for y in 0..image.height() {
-        let (mut flux, mut energy) = (0.0, 0.0);
-        for pixel in image.row(y) {
-            let value = luminance(*pixel);
-            flux += value;
-            energy += value * value;
-        }
-        let solid_angle = image.pixel_solid_angle(y);
-        sum.flux += flux * solid_angle;
-        sum.energy += energy * solid_angle;
-    }
-    sum
-}
 
 /// A weighted mean of pixels.
 #[derive(Clone, Copy, Default)]
@@ -63,16 +39,23 @@ pub(super) fn angle(a: DVec3, b: DVec3) -> f64 {
 /// Mean of the pixels with centres from `near` to `far` of a direction that `takes` accepts.
 fn ring_mean(image: &LatLong, around: DVec3, near: f64, far: f64, takes: impl Fn(usize) -> bool) -> Mean {
     let mut mean = Mean::default();
-    let latitude = libm::asin(around.y.clamp(-1.0, 1.0));
+    let (latitude, width) = (libm::asin(around.y.clamp(-1.0, 1.0)), image.width());
+    // All of the cap and of the columns of a row: an angle each would be most of the work.
+    // Rounding must not leave the centre out.
+    let most = if near > 0.0 { libm::cos(near.min(PI)) } else { 2.0 };
+    let least = libm::cos(far.clamp(0.0, PI));
+    let columns: Vec<DVec3> =
+        (0..width).map(|x| direction_at(PI * (1.0 - (2 * x + 1) as f64 / width as f64), 1.0, 0.0)).collect();
     for y in 0..image.height() {
         let [top, bottom] = image.row_latitudes(y);
         if bottom - far > latitude || top + far < latitude {
             continue;
         }
         let solid_angle = image.pixel_solid_angle(y);
-        for x in 0..image.width() {
-            let distance = angle(around, centre(image, x, y));
-            if distance >= near && distance <= far && takes(y * image.width() + x) {
+        let (up, across) = libm::sincos(0.5 * (top + bottom));
+        for (x, column) in columns.iter().enumerate() {
+            let cosine = across * column.dot(around) + up * around.y;
+            if cosine <= most && cosine >= least && takes(y * width + x) {
                 mean.add(image.row(y)[x], solid_angle);
             }
         }
@@ -80,8 +63,8 @@ fn ring_mean(image: &LatLong, around: DVec3, near: f64, far: f64, takes: impl Fn
     mean
 }
 
-/// Takes the brightest lobe out of an image; `whole` are the totals of the environment it is judged by.
-pub(super) fn peel(image: &LatLong, whole: Totals, options: &SunOptions) -> Result<(LatLong, SplitSun), NoSun> {
+/// Finds the brightest lobe of an image, within `radius` of its peak.
+pub(super) fn peel(image: &LatLong, radius: f64) -> Result<Lobe, NoSun> {
     let (width, height) = (image.width(), image.height());
     let mut peak = (0.0, 0);
     for (i, pixel) in image.pixels().iter().enumerate() {
@@ -97,7 +80,7 @@ pub(super) fn peel(image: &LatLong, whole: Totals, options: &SunOptions) -> Resu
     let towards = centre(image, start % width, start / width);
     let pixel_side = PI / height.min(width.div_ceil(2)) as f64;
     // At least the neighbours, however coarse the image.
-    let radius = options.max_radius.max(0.0);
+    let radius = radius.max(0.0);
     let background = ring_mean(image, towards, radius, (2.0 * radius).max(radius + 2.0 * pixel_side), |i| i != start)
         .value()
         .map(|mean| luminance(mean.map(|v| v as f32)));
@@ -117,26 +100,9 @@ pub(super) fn peel(image: &LatLong, whole: Totals, options: &SunOptions) -> Resu
     }
     let fill = ring_mean(image, towards, 0.0, extent + 2.0 * pixel_side, |i| !inside[i]).value();
     let fill = fill.unwrap_or([background; 3]).map(|v| v as f32);
-    let taken = take(image, &region, fill);
-    let sun = taken.sun;
+    let lobe = take(image, &region, fill);
     // A single texel of a coarse image may be as wide.
-    if sun.angular_radius > radius {
-        return Err(NoSun::Wide(radius));
-    }
-    let energy_above = taken.energy - taken.kept_in(options.bands, width, height);
-    let ringing = if whole.energy > 0.0 { (energy_above / whole.energy).max(0.0) } else { 0.0 };
-    if ringing.is_nan() || ringing <= options.tolerance {
-        return Err(NoSun::Smooth { ringing, tolerance: options.tolerance });
-    }
-    let flux: f64 = (0..3).map(|c| LUMINANCE[c] * sun.flux[c]).sum();
-    let flux_share = if whole.flux > 0.0 { flux / whole.flux } else { 0.0 };
-    let mut taken = region.iter().peekable();
-    let rest = LatLong::from_fn(width, height, |x, y| {
-        let pixel = image.row(y)[x];
-        let inside = taken.next_if(|i| **i == y * width + x).is_some();
-        std::array::from_fn(|c| f64::from(if inside { pixel[c].min(fill[c]) } else { pixel[c] }))
-    });
-    Ok((rest, SplitSun { sun, flux_share, ringing, pixels: region.len() }))
+    if lobe.sun.angular_radius > radius { Err(NoSun::Wide(radius)) } else { Ok(lobe) }
 }
 
 /// The pixels, ascending, above `threshold` that are connected to `start`; `None` when they reach beyond `radius`.
@@ -173,36 +139,44 @@ fn grow(image: &LatLong, start: usize, threshold: f64, radius: f64) -> Option<Ve
     Some(region)
 }
 
-/// What was taken out of an image.
-struct Taken {
-    /// Pixels, ascending, and what was taken from each.
+/// A lobe of an image.
+pub(super) struct Lobe {
+    /// Pixels, ascending, and what is taken from each.
     pixels: Vec<(usize, [f64; 3])>,
-    sun: Sun,
-    /// ∫ L² dω in luminance.
-    energy: f64,
+    pub(super) sun: Sun,
 }
 
-impl Taken {
-    /// Energy in luminance below the band limit.
-    fn kept_in(&self, bands: usize, width: usize, height: usize) -> f64 {
+impl Lobe {
+    /// The image without it.
+    pub(super) fn taken_from(&self, image: &LatLong) -> LatLong {
         let mut taken = self.pixels.iter().peekable();
-        let lobe = LatLong::from_fn(width, height, |x, y| {
-            taken.next_if(|(i, _)| *i == y * width + x).map_or([0.0; 3], |(_, value)| *value)
-        });
-        let channels = project(&lobe, bands);
-        let mut grey = Coefficients::zero(bands);
-        for c in 0..3 {
-            grey += &(&channels[c] * LUMINANCE[c]);
+        LatLong::from_fn(image.width(), image.height(), |x, y| {
+            let pixel = image.row(y)[x].map(f64::from);
+            match taken.next_if(|(i, _)| *i == y * image.width() + x) {
+                Some((_, excess)) => std::array::from_fn(|c| pixel[c] - excess[c]),
+                None => pixel,
+            }
+        })
+    }
+
+    /// It as a sun beside an environment of this flux, cut to some bands.
+    pub(super) fn as_sun(&self, whole: [f64; 3], bands: usize) -> SplitSun {
+        let luminance = |rgb: [f64; 3]| (0..3).map(|c| LUMINANCE[c] * rgb[c]).sum::<f64>();
+        let (flux, all) = (luminance(self.sun.flux), luminance(whole));
+        SplitSun {
+            sun: self.sun,
+            flux_share: if all > 0.0 { flux / all } else { 0.0 },
+            ringing: truncation_of_lamp(mean(self.sun.flux) / mean(whole), bands),
+            pixels: self.pixels.len(),
         }
-        grey.energy()
     }
 }
 
 /// What lies above `fill` in a region, as a disk.
-fn take(image: &LatLong, region: &[usize], fill: [f32; 3]) -> Taken {
+fn take(image: &LatLong, region: &[usize], fill: [f32; 3]) -> Lobe {
     let width = image.width();
     let mut pixels = Vec::with_capacity(region.len());
-    let (mut flux, mut moment, mut energy) = ([0.0; 3], DVec3::ZERO, 0.0);
+    let (mut flux, mut moment) = ([0.0; 3], DVec3::ZERO);
     for &i in region {
         let (x, y) = (i % width, i / width);
         // In f64: exactly what the pixel loses when it is set to the fill.
@@ -214,7 +188,6 @@ fn take(image: &LatLong, region: &[usize], fill: [f32; 3]) -> Taken {
             flux[c] += solid_angle * excess[c];
         }
         moment += value * pixel_moment(image, x, y);
-        energy += value * value * solid_angle;
         pixels.push((i, excess));
     }
     let total: f64 = (0..3).map(|c| LUMINANCE[c] * flux[c]).sum();
@@ -224,7 +197,7 @@ fn take(image: &LatLong, region: &[usize], fill: [f32; 3]) -> Taken {
     // The mean direction of a disk is (1 + cos α)/2 long: 1 − length/total = sin²(α/2).
     let depth = if total > 0.0 { (1.0 - length / total).clamp(0.0, 1.0) } else { 0.0 };
     let angular_radius = 2.0 * libm::asin(depth.sqrt());
-    Taken { pixels, sun: Sun { direction_in_probe, flux, angular_radius }, energy }
+    Lobe { pixels, sun: Sun { direction_in_probe, flux, angular_radius } }
 }
 
 /// ∫ ω dω over a pixel, exact: the flux-weighted mean direction needs more than pixel centres where

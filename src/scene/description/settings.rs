@@ -3,6 +3,7 @@
 use super::Located;
 use super::read::Item;
 use crate::error::Result;
+use crate::scene::{MOST_SUNS, SunSplit};
 use crate::sh::MAX_BANDS;
 
 /// Most layers; the limit of [`crate::transfer::Layers`], which scenes come before.
@@ -47,8 +48,8 @@ pub struct ProbeDescription {
     pub rotation: Option<f64>,
     /// Window of the band-limited light.
     pub window: Option<&'static str>,
-    /// Whether the dominant lamp is lit apart.
-    pub sun_split: Option<bool>,
+    /// Which lamps are lit apart.
+    pub sun_split: Option<SunSplit>,
 }
 
 /// How pictures look.
@@ -124,8 +125,18 @@ pub(super) fn probe(item: &Item<'_>) -> Result<ProbeDescription> {
             .get("window")
             .map(|item| item.word(&["none", "lanczos", "hanning", "certified"]))
             .transpose()?,
-        sun_split: section.get("sun_split").map(|item| item.boolean()).transpose()?,
+        sun_split: section.get("sun_split").map(|item| sun_split(&item)).transpose()?,
     })
+}
+
+fn sun_split(item: &Item<'_>) -> Result<SunSplit> {
+    if let Ok(is_on) = item.boolean() {
+        return Ok(if is_on { SunSplit::Auto } else { SunSplit::Off });
+    }
+    let number = || item.as_number().filter(|v| v.fract() == 0.0).map(|v| v.to_string());
+    let text = item.as_text().map(String::from).or_else(number);
+    let expected = format!("true, false, or a number of lamps from 1 to {MOST_SUNS}");
+    text.and_then(|text| text.parse().ok()).ok_or_else(|| item.refuse(expected, "true splits off as many as ring"))
 }
 
 const VIEWS: [&str; 7] = ["front", "back", "left", "right", "top", "bottom", "iso"];

@@ -1,7 +1,7 @@
 //! What descriptions mean, and which line a mistake is on.
 
 use super::*;
-use crate::scene::MaterialRule;
+use crate::scene::{MaterialRule, SunSplit};
 
 #[test]
 fn a_volume_alone_is_a_scene() {
@@ -35,7 +35,7 @@ positive = true
 file = \"p.exr\"
 rotation = -30
 window = \"certified\"
-sun_split = true
+sun_split = 3
 [camera]
 azimuth = 20
 size = [64, 48]
@@ -57,6 +57,7 @@ background = \"#102030\"
     assert_eq!((bake.bands.as_slice(), bake.texture), (&[5, 4, 3][..], Some(TextureSize::Texels([8, 9, 10]))));
     let probe = scene.probe.expect("a probe");
     assert_eq!((probe.name.value.as_str(), probe.is_file, probe.rotation), ("p.exr", true, Some(-30.0)));
+    assert_eq!(probe.sun_split, Some(SunSplit::Lobes(3)));
     assert_eq!(scene.camera.view.as_deref(), Some("20,0"));
     assert_eq!((scene.camera.size, scene.camera.field_of_view), (Some([64, 48]), Some(35.0)));
     assert_eq!(scene.camera.exposure.as_deref(), Some("-1.5"));

@@ -192,7 +192,8 @@ impl Backing {
                 folders.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
             }
             Self::Archive(archive) => {
-                let inside = |key: &String| Some(key.strip_prefix(folder)?.strip_prefix('/')?.split_once('/')?.0.to_owned());
+                let inside =
+                    |key: &String| Some(key.strip_prefix(folder)?.strip_prefix('/')?.split_once('/')?.0.to_owned());
                 archive.entries.keys().filter_map(inside).collect()
             }
         };

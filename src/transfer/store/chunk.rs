@@ -21,8 +21,8 @@ use super::super::texture::{check_brick, check_index};
 use super::super::{BRICK_TEXELS, Brick, BrickSource, BrickView, Layers, Layout};
 use super::backing::{Backing, Bytes, Staged};
 use super::identity::{FORMAT_VERSION, STAMPED_VERSION};
-use super::zarr::{self, FORMAT, Presence, STAMP, ShardTail};
 use super::surface::SURFACES;
+use super::zarr::{self, FORMAT, Presence, STAMP, ShardTail};
 use super::{ChunkExtent, Store};
 use crate::error::{Error, Result};
 use crate::grid3;
@@ -123,7 +123,8 @@ impl Store {
         let (part, place) = self.env.split_once('/').unwrap_or_default();
         let (volume, group) = place.split_once('/').unwrap_or_default();
         let group = if part == SURFACES { format!("{SURFACES}/{group}") } else { group.to_owned() };
-        let mut of = json!({ "store": self.identity_hash, "volume": volume, "group": group, "seed": self.identity.seed });
+        let mut of =
+            json!({ "store": self.identity_hash, "volume": volume, "group": group, "seed": self.identity.seed });
         if let Some(mark) = &self.surface {
             of["mesh"] = json!(mark.mesh);
         }

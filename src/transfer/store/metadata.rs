@@ -79,9 +79,7 @@ pub(super) fn write_skeleton(
 
 /// What is said of each layer: its bands, and where it starts in transfer and errors.
 pub(super) fn layers_about(layers: &Layers) -> Value {
-    let layer = |k: usize| {
-        json!({ "bands": layers.bands()[k], "offset": layers.offset(k), "stderr_offset": layers.error_offset(k) })
-    };
+    let layer = |k: usize| json!({ "bands": layers.bands()[k], "offset": layers.offset(k), "stderr_offset": layers.error_offset(k) });
     (0..layers.len()).map(layer).collect()
 }
 

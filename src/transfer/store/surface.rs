@@ -7,8 +7,8 @@
 //! mesh is never taken for its own.
 
 use super::metadata::{
-    HARMONICS, MEANING, MEANING_OF_CHANNELS, MEANING_OF_GROUPS, arrays, check_group, layers_about, required_json, sealed,
-    unsealed,
+    HARMONICS, MEANING, MEANING_OF_CHANNELS, MEANING_OF_GROUPS, arrays, check_group, layers_about, required_json,
+    sealed, unsealed,
 };
 use super::zarr::{self, Array, CHECKSUM, FORMAT};
 use super::{Backing, Identity, Store, lock};
@@ -163,7 +163,8 @@ fn read_mark(backing: &Backing, place: &str, identity_hash: &str) -> Result<(Mar
     let attributes = unsealed(&group).map_err(in_file)?;
     let number = |name: &str| attributes[name].as_u64().filter(|&n| n < 1 << 32).map(|n| n as usize);
     let text = |name: &str| attributes[name].as_str().map(str::to_owned);
-    let parts = attributes["isovalue"].as_f64().zip(text("mesh_blake3")).zip(number("vertices").zip(number("triangles")));
+    let parts =
+        attributes["isovalue"].as_f64().zip(text("mesh_blake3")).zip(number("vertices").zip(number("triangles")));
     let remedy = "run the bake that made the store again: it makes the surface anew";
     let Some(((isovalue, mesh), (vertices, triangles))) = parts else {
         let found = "attributes without isovalue, vertices, triangles or mesh";
@@ -283,13 +284,17 @@ impl Store {
         let _adding = lock::adding(&root)?;
         match read_mark(&self.backing, &place, &self.identity_hash) {
             Ok((found, _)) if found != mark => {
-                let text = |mark: &Mark| format!("{} triangles, BLAKE3 {}", mark.triangles, zarr::shorten(&json!(mark.mesh)));
+                let text =
+                    |mark: &Mark| format!("{} triangles, BLAKE3 {}", mark.triangles, zarr::shorten(&json!(mark.mesh)));
                 return Err(Error::Mismatch {
                     path: self.backing.name(&place),
                     field: "mesh".into(),
                     stored: text(&found),
                     asked: text(&mark),
-                    remedy: format!("another version made it: give another output with -o, or --force to replace {}", root.display()),
+                    remedy: format!(
+                        "another version made it: give another output with -o, or --force to replace {}",
+                        root.display()
+                    ),
                 });
             }
             Ok(_) | Err(Error::Format { .. } | Error::Limit { .. }) => {}
@@ -346,7 +351,8 @@ fn expected_nodes(backing: &Backing, node: &str, identity: &Identity) -> Result<
         return Ok(Vec::new());
     }
     let layers = identity.layout()?.layers;
-    let mut nodes: Vec<(String, Value)> = [SURFACES.to_owned(), folder.clone()].map(|key| (key, zarr::group(json!({})))).into();
+    let mut nodes: Vec<(String, Value)> =
+        [SURFACES.to_owned(), folder.clone()].map(|key| (key, zarr::group(json!({})))).into();
     for name in names {
         let place = format!("{folder}/{name}");
         let (mark, vertices) = read_mark(backing, &place, &identity.hash())?;

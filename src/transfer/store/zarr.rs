@@ -149,11 +149,7 @@ pub(super) fn shard_length(slots: usize, count: usize, bytes: usize) -> usize {
 }
 
 /// Writes a shard. All chunks have the same length, a multiple of 4; `None` does not exist.
-pub(super) fn write_shard(
-    out: &mut dyn Write,
-    chunks: &[Option<(&[u8], u32)>],
-    stamp: &[u8; STAMP],
-) -> io::Result<()> {
+pub(super) fn write_shard(out: &mut dyn Write, chunks: &[Option<(&[u8], u32)>], stamp: &[u8; STAMP]) -> io::Result<()> {
     debug_assert!(chunks.len() <= MOST_SLOTS);
     let length = chunks.iter().flatten().map(|(bytes, _)| bytes.len()).next().unwrap_or(0);
     for (bytes, sum) in chunks.iter().flatten() {
@@ -204,11 +200,7 @@ pub(super) struct ShardTail {
 /// # Errors
 /// `(found, expected)` when the file is too short or too long, the index does not match its
 /// checksum, or the packing is not ours.
-pub(super) fn read_tail(
-    shard: &[u8],
-    slots: usize,
-    bytes: usize,
-) -> std::result::Result<ShardTail, (String, String)> {
+pub(super) fn read_tail(shard: &[u8], slots: usize, bytes: usize) -> std::result::Result<ShardTail, (String, String)> {
     let tail = tail_length(slots);
     let Some(start) = shard.len().checked_sub(tail) else {
         return Err((format!("{} bytes", shard.len()), format!("at least the {tail} bytes of a shard's index")));

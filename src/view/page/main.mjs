@@ -326,6 +326,12 @@ function showState() {
     : [[...(isDark ? [] : [probe.name]), ...(luminaires().length > 0 ? ["the luminaires"] : [])].join(" and ") || labelOf(probe), probe.relativeError];
   $("errorNote").textContent = `Standard error of the bake under ${under} at albedo ${short(header.albedo, 2)}: ` +
     `${percent(error)} of the mean radiance (RMS over all texels).`;
+  const { lamps } = probe;
+  $("lampsNote").hidden = !(lamps?.count > 0);
+  if (lamps?.count > 0) {
+    $("lampsNote").textContent = `${lamps.count === 1 ? "A lamp" : `${lamps.count} lamps`} with ${percent(lamps.share)} of this light ` +
+      "cannot cast sharp shadows here: the page multiplies, it traces no rays. Files of isolume relight have them.";
+  }
   $("standing").textContent = standing();
   $("standing").hidden = !header.scene;
   $("legend").textContent = VIEWS[state.mode][1].replace("LIGHT", lightOfErrors());
@@ -616,7 +622,7 @@ async function start() {
   data = await loadPackage();
   header = data.header;
   probes = header.probes.map((p, i) => ({
-    name: p.name, coefficients: Float64Array.from(p.coefficients), size: p.size, relativeError: p.relative_error,
+    name: p.name, coefficients: Float64Array.from(p.coefficients), size: p.size, relativeError: p.relative_error, lamps: p.lamps,
     picture: Uint16Array.from(section(data, `picture.${i}`, Uint16Array)),
   }));
   renderer = new Renderer($("canvas"), data);

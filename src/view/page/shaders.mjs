@@ -324,6 +324,13 @@ void take(int n) {
   }
 }
 
+// As the program: what has a negative channel moves towards the grey of its luminance until none has.
+vec3 withoutNegative(vec3 rgb) {
+  float least = min(rgb.r, min(rgb.g, rgb.b)), grey = dot(rgb, vec3(0.2126, 0.7152, 0.0722));
+  if (least >= 0.0) return rgb;
+  return grey > 0.0 ? max(grey + grey / (grey - least) * (rgb - grey), 0.0) : vec3(0.0);
+}
+
 void main() {
   int n = min(supersampling, 2);
   take(n);
@@ -340,7 +347,7 @@ void main() {
   if (mode == ${MODES.depth}) { float d = sum.a > 0.0 ? special.r / sum.a : 0.0; colour = vec4(d, fract(d * 256.0), coverage, 1.0); return; }
   vec2 place = gl_FragCoord.xy / size * 2.0 - 1.0;
   vec3 behind = background.a > 0.0 ? background.rgb : clamp(exposure * skyStrength * skyRadiance(skyRay + place.x * skyX + place.y * skyY), 0.0, 1.0);
-  vec3 front = mode == ${MODES.light} ? clamp(straight * exposure, 0.0, 1.0) : sum.a > 0.0 ? special / sum.a : vec3(0.0);
+  vec3 front = mode == ${MODES.light} ? clamp(withoutNegative(straight) * exposure, 0.0, 1.0) : sum.a > 0.0 ? special / sum.a : vec3(0.0);
   if (mode == ${MODES.normal}) front = pow(front, vec3(2.2));
   colour = vec4(encoded(mix(behind, front, coverage)), 1.0);
 }
