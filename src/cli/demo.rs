@@ -69,8 +69,9 @@ impl Demo {
         ));
         let (store, lines, json, seconds_bake) = bake(&volume, &path, seed, console)?;
         console.summary(indent(&lines));
-        console
-            .summary("\n3. Relight: environments multiplied with what is stored; nothing is traced but camera rays.");
+        console.summary(
+            "\n3. Relight: environments multiplied with what is stored; rays go to their lamps and from the camera.",
+        );
         let lit = self.relight(&store, console)?;
         let mut rows = vec![["file", "isovalue", "light", "time", "noise"].map(String::from).to_vec()];
         for file in &lit {

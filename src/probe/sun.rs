@@ -9,14 +9,16 @@
 //!    two [`SunOptions::max_radius`] around it.
 //! 2. *Region*: all pixels connected to the peak whose luminance is above background + `fraction` ·
 //!    (peak − background). `fraction` is the least of [`FRACTIONS`] with which the region
-//!    stays within the radius; when none does, the light has no further compact lobe.
+//!    stays within the radius. When none does, the lamp is wide: the region is what is above [`PART`] within the radius, and
+//!    the next lobe another part of it.
 //! 3. *Fill*: each channel of the region falls to the mean of the ring just around it, where it is above.
 //! 4. *Sun*: what was taken, as a uniform disk with the same flux and the same first moment ∫ L ω dω. The
 //!    first moment gives the direction and the radius (see [`Sun::angular_radius`]), and with both
 //!    kept the irradiance of every surface that has the whole lobe above its horizon is kept, too.
 //! 5. *Decision*: lobes are found one below the other, and the strongest are taken as long as what is left
 //!    loses more than a tolerance by the cut: of radiance under a cosine that an edge shadows
-//!    (`truncation`). A lobe that would lose less than [`FAINT`] of the tolerance alone stays.
+//!    (`truncation`). A lobe that would lose less than [`FAINT`] of the tolerance alone stays, and one without which the rest
+//!    loses nearly as much: a piece of a bright sky, of which the edges ring as it did.
 
 mod lobe;
 mod truncation;
@@ -37,6 +39,9 @@ use truncation::{truncation, truncation_of_lamp};
 /// Glare reaches down to a few hundredths of the peak, and what stays in the image rings; but the
 /// lower the threshold, the sooner the region runs out into a bright sky.
 pub const FRACTIONS: [f64; 5] = [0.01, 0.03, 0.1, 0.25, 0.5];
+
+/// Part of the peak, above the background, at which a part of a wide lamp ends.
+pub const PART: f64 = 0.5;
 
 /// A distant disk of uniform radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,8 +77,11 @@ impl Sun {
 /// Part of the tolerance below which a lobe stays: sixteen of them, wherever they stand, lose together what is tolerated.
 pub const FAINT: f64 = 0.25;
 
+/// What the rest may lose at most, of what it lost with a lobe, for the lobe to be worth its rays.
+const WORTH: f64 = 0.97;
+
 /// Lobes in a row that are too faint before the search for more ends: bright pixels of little light.
-const FAINT_IN_A_ROW: usize = 4;
+const FAINT_IN_A_ROW: usize = 12;
 
 /// When to take a lobe for a sun.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -221,10 +229,12 @@ fn split_lobes(split: &mut Split, options: &SunOptions) {
             split.stopped = NoSun::Enough;
             return;
         }
-        split.rest.image = lobe.taken_from(&split.rest.image);
-        split.rest.exact = None;
-        let of_rest = mean(flux(&split.rest.image)) / mean(whole);
-        split.truncation_of_rest = truncation(&split.rest.image, options.bands) * of_rest;
+        let rest = lobe.taken_from(&split.rest.image);
+        let lost = truncation(&rest, options.bands) * mean(flux(&rest)) / mean(whole);
+        if lost > WORTH * split.truncation_of_rest {
+            continue;
+        }
+        (split.rest.image, split.rest.exact, split.truncation_of_rest) = (rest, None, lost);
         split.suns.push(lobe.as_sun(whole, options.bands));
         if split.truncation_of_rest <= options.tolerance {
             split.stopped = NoSun::Smooth { ringing: split.truncation_of_rest, tolerance: options.tolerance };

@@ -10,4 +10,4 @@ mod sun;
 pub use camera::{Camera, Projection, View};
 pub use pixels::{SeenPoint, seen_points};
 pub use preview::{Backdrop, Picture, RenderOptions, Subject, radiance_along, render};
-pub use sun::{SunLight, SunVisibility, sun_visibility};
+pub use sun::{PENUMBRA, SunLight, SunVisibility, sun_visibility};

@@ -100,7 +100,7 @@ pub fn render(
 ) -> Picture {
     let Subject { volume, pyramid, isovalue, .. } = *subject;
     let suns: Vec<(Disk, [f32; 3])> =
-        suns.iter().map(|s| (Disk::new(s), subject.material.sun_factor(s.flux))).collect();
+        suns.iter().map(|s| (Disk::new(&of_one_ray(s, options)), subject.material.sun_factor(s.flux))).collect();
     let mut pixels = vec![[0.0; 4]; options.width * options.height];
     let totals: Vec<(Counts, LookupReport)> = with_samples!(volume.samples(), s => {
         let scene = Scene {
@@ -119,6 +119,15 @@ pub fn render(
     }
     Picture { width: options.width, height: options.height, pixels, counts, report }
 }
+
+/// A sun for one of the rays of a pixel: all of them together give it the rays that it has at a point.
+fn of_one_ray(sun: &SunLight, options: &RenderOptions) -> SunLight {
+    let of_pixel = options.supersampling.max(1).pow(2) as u32;
+    SunLight { rays: sun.rays.div_ceil(of_pixel).max(sun.rays.min(FEWEST_SUN_RAYS)), ..*sun }
+}
+
+/// Fewest rays to a sun, where it has as many: fewer would miss much of the penumbra.
+const FEWEST_SUN_RAYS: u32 = 8;
 
 /// Steps of a ray through the solid, in voxels.
 const STEP_IN_SOLID: f64 = 0.25;

@@ -20,8 +20,8 @@ pub struct SunLight {
     pub angular_radius: f64,
     /// Radiance times solid angle, red, green, blue.
     pub flux: [f64; 3],
-    /// Visibility rays for each surface point, at least 1; powers of two are spread best. 16 give a
-    /// penumbra 4 bits of depth; a single ray goes to the centre and makes hard shadows.
+    /// Visibility rays for each surface point, at least 1; powers of two are spread best. Where they disagree, in the
+    /// penumbra, there are [`PENUMBRA`] times as many. A single ray goes to the centre and makes hard shadows.
     pub rays: u32,
 }
 
@@ -51,6 +51,10 @@ pub struct SunVisibility {
 
 /// Seed of the points on the disk: any would do; a fixed one makes the same numbers every time.
 const SEED: u64 = 0x5375_6e20_7261_7973;
+
+/// Rays in the penumbra over those elsewhere. Under the large lamps of a studio 16 rays everywhere left 2 to 5 % of noise, of
+/// which most points, all lit or all dark, had none.
+pub const PENUMBRA: u32 = 8;
 
 /// Cells that the edge of a shadow crosses, over the root of the number of rays.
 ///
@@ -105,24 +109,29 @@ impl Disk {
         }
         let start = Start::on(at);
         let sequence = PathSampler::new(SEED, item, 0).sequence(0);
-        let (mut sum, mut squares) = (0.0, 0.0);
-        for ray in 0..self.rays {
+        let (mut sum, mut squares, mut lit, mut rays) = (0.0, 0.0, 0, 0);
+        let mut most = self.rays;
+        while rays < most {
             let local = match self.rays {
                 1 => Vec3::Z,
-                _ => warp::square_to_uniform_cone(sequence.point(ray), self.height),
+                _ => warp::square_to_uniform_cone(sequence.point(rays), self.height),
             };
+            rays += 1;
             let direction = self.frame.from_local(local);
             let cosine = direction.dot(normal_in_world);
-            if cosine <= 0.0 {
-                continue;
-            }
-            let outcome = field.trace(isovalue, &start, field.direction_in_grid(direction), counts);
-            if outcome == Outcome::Escaped {
+            if cosine > 0.0
+                && field.trace(isovalue, &start, field.direction_in_grid(direction), counts) == Outcome::Escaped
+            {
                 sum += cosine;
                 squares += cosine * cosine;
+                lit += 1;
+            }
+            // Rays that disagree are in the penumbra.
+            if rays == self.rays && lit > 0 && lit < rays {
+                most = PENUMBRA * self.rays;
             }
         }
-        let rays = self.rays as f32;
+        let rays = rays as f32;
         let mean = sum / rays;
         (mean, (CROSSED / rays.sqrt()).min(1.0) * (squares / rays - mean * mean).max(0.0) / rays)
     }

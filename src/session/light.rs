@@ -77,7 +77,7 @@ pub enum LightNote {
     Clamped(ClampReport),
 }
 
-/// Visibility rays for each surface point and sun.
+/// Visibility rays for each surface point and sun; [`crate::render::PENUMBRA`] times as many in the penumbra.
 pub const SUN_RAYS: u32 = 16;
 
 /// An environment, ready to be multiplied with transfer.

@@ -150,7 +150,7 @@ fn splitting_the_sun_halves_the_error_of_direct_light() {
                 &scene.mesh.normals,
                 &sun,
             );
-            assert!(visible.counts.rays > 0 && visible.counts.rays <= 16 * visible.lit.len() as u64);
+            assert!(visible.counts.rays > 0 && visible.counts.rays <= 16 * 8 * visible.lit.len() as u64);
             assert!(visible.lit.iter().all(|v| (0.0..=1.0).contains(v)));
             after.add_sun(&visible.lit, sun.flux, &material);
             let picked = |r: &isolume::relight::VertexRadiance| {
@@ -320,7 +320,7 @@ fn the_variance_of_the_rays_is_that_of_many_choices() {
     const CHOICES: usize = 64;
     let scene = Scene::new("sphere-over-plane:48", 0.0, Layers::uniform(1, 1).unwrap(), 4, true);
     let (mesh, towards) = (&scene.mesh, DVec3::new(0.3, 0.0, 0.954).normalize());
-    for (degrees, rays) in [(20.0f64, 4), (20.0, 16), (20.0, 64), (5.0, 16)] {
+    for (degrees, rays) in [(20.0f64, 8), (20.0, 16), (20.0, 64), (5.0, 16)] {
         let sun =
             SunLight { direction_in_world: towards, angular_radius: 0.5 * degrees.to_radians(), flux: [1.0; 3], rays };
         let stretched = |all: &[[f32; 3]]| -> Vec<[f32; 3]> {

@@ -8,6 +8,7 @@ mod compare_scenes;
 mod hard_cases;
 mod hard_environments;
 mod hard_rays;
+mod lamps;
 mod light;
 mod open;
 mod relight_transport;

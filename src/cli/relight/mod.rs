@@ -34,7 +34,7 @@ use work::{Source, Work};
 
 /// Light isosurfaces by environments and write them as .glb, .ply or .png
 ///
-/// From a store nothing is traced: transfer and light are multiplied. A volume is baked first, for the
+/// From a store transfer and light are multiplied; rays are traced to lamps that five bands would blur, no others. A volume is baked first, for the
 /// isovalues asked for, into a store in the user's cache folder; the next run finds it there. Where that takes
 /// longer than a moment, a draft of 16 rays a texel is written first, then replaced.
 #[derive(clap::Args, Clone)]

@@ -2,7 +2,7 @@
 
 use super::super::latlong::{LUMINANCE, LatLong, direction_at, luminance};
 use super::truncation::truncation_of_lamp;
-use super::{FRACTIONS, NoSun, SplitSun, Sun, mean};
+use super::{FRACTIONS, NoSun, PART, SplitSun, Sun, mean};
 use glam::DVec3;
 use std::f64::consts::PI;
 
@@ -87,10 +87,12 @@ pub(super) fn peel(image: &LatLong, radius: f64) -> Result<Lobe, NoSun> {
     let Some(background) = background.filter(|b| peak > *b * (1.0 + 1e-6)) else {
         return Err(NoSun::Even);
     };
-    let grown =
-        FRACTIONS.iter().find_map(|fraction| grow(image, start, background + fraction * (peak - background), radius));
-    let Some(region) = grown else {
-        return Err(NoSun::Wide(radius));
+    let threshold = |fraction: f64| background + fraction * (peak - background);
+    let whole = FRACTIONS.iter().find_map(|fraction| grow(image, start, threshold(*fraction), radius));
+    let is_part = whole.is_none();
+    let region = match whole {
+        Some(region) => region,
+        None => part(image, start, threshold(PART), radius),
     };
     let mut inside = vec![false; width * height];
     let mut extent = 0.0f64;
@@ -98,7 +100,10 @@ pub(super) fn peel(image: &LatLong, radius: f64) -> Result<Lobe, NoSun> {
         inside[i] = true;
         extent = extent.max(angle(towards, centre(image, i % width, i / width)));
     }
-    let fill = ring_mean(image, towards, 0.0, extent + 2.0 * pixel_side, |i| !inside[i]).value();
+    // Around a part stands the rest of the lamp, which is none of its surroundings.
+    let is_beside = |i: usize| !inside[i] && !(is_part && luminance(image.pixels()[i]) > threshold(PART));
+    let far = if is_part { 2.0 * radius } else { extent + 2.0 * pixel_side };
+    let fill = ring_mean(image, towards, 0.0, far, is_beside).value();
     let fill = fill.unwrap_or([background; 3]).map(|v| v as f32);
     let lobe = take(image, &region, fill);
     // A single texel of a coarse image may be as wide.
@@ -109,11 +114,22 @@ pub(super) fn peel(image: &LatLong, radius: f64) -> Result<Lobe, NoSun> {
 /// The image is a sphere: columns join at the seam, and across a pole every pixel of the row touches
 /// the one opposite.
 fn grow(image: &LatLong, start: usize, threshold: f64, radius: f64) -> Option<Vec<usize>> {
+    let (region, reaches_beyond) = region(image, start, threshold, radius);
+    (!reaches_beyond).then_some(region)
+}
+
+/// Those of them within `radius`.
+fn part(image: &LatLong, start: usize, threshold: f64, radius: f64) -> Vec<usize> {
+    region(image, start, threshold, radius).0
+}
+
+/// Both, and whether there are more.
+fn region(image: &LatLong, start: usize, threshold: f64, radius: f64) -> (Vec<usize>, bool) {
     let (width, height) = (image.width(), image.height());
     let towards = centre(image, start % width, start / width);
     let mut seen = std::collections::BTreeSet::from([start]);
     let mut region = vec![start];
-    let mut next = 0;
+    let (mut next, mut reaches_beyond) = (0, false);
     while next < region.len() {
         let (x, y) = (region[next] % width, region[next] / width);
         next += 1;
@@ -129,14 +145,15 @@ fn grow(image: &LatLong, start: usize, threshold: f64, radius: f64) -> Option<Ve
         for i in near {
             if luminance(image.pixels()[i]) > threshold && seen.insert(i) {
                 if angle(towards, centre(image, i % width, i / width)) > radius {
-                    return None;
+                    reaches_beyond = true;
+                } else {
+                    region.push(i);
                 }
-                region.push(i);
             }
         }
     }
     region.sort_unstable();
-    Some(region)
+    (region, reaches_beyond)
 }
 
 /// A lobe of an image.
