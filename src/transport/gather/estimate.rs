@@ -4,7 +4,7 @@ use super::super::REPLICATES;
 use super::super::path::{Scratch, Settings, TexelEstimate};
 use super::super::sums::combine_paths;
 use super::cache::{Cache, EMPTY_ROW, Lookups, Row, Span, spans};
-use crate::geom::Frame;
+use crate::geom::{Frame, Normal};
 use crate::level::{CellPoint, Counts, LevelField, Outcome, Site, Start};
 use crate::sampling::{PathSampler, warp};
 use crate::sh;
@@ -56,20 +56,21 @@ impl<'a> Pass<'a> {
             scratch.normals[replicate].push(site.normal.vec());
             for path in 0..self.settings.points() as u32 {
                 let direction = frame.from_local(warp::square_to_cosine_hemisphere(sequence.point(path)));
-                let at = match field.trace(site.isovalue, &site.start, field.direction_in_grid(direction), counts) {
-                    Outcome::Escaped => {
-                        scratch.escaped[replicate].push(direction);
-                        continue;
-                    }
-                    // A hit of distance 0, as in `path`.
-                    Outcome::Lost => {
-                        out.lost += 1;
-                        site.start.at
-                    }
-                    Outcome::Hit(hit) => hit.at,
-                };
+                let (at, normal) =
+                    match field.trace(site.isovalue, &site.start, field.direction_in_grid(direction), counts) {
+                        Outcome::Escaped => {
+                            scratch.escaped[replicate].push(direction);
+                            continue;
+                        }
+                        // A hit of distance 0, as in `path`.
+                        Outcome::Lost => {
+                            out.lost += 1;
+                            (site.start.at, Some(site.normal))
+                        }
+                        Outcome::Hit(hit) => (hit.at, None),
+                    };
                 if !self.cache.add(&at, &self.spans[0], sums, &mut row, lookups) {
-                    self.go_on(field, site, at, &sampler, path, sums, &mut row, counts, lookups, out);
+                    self.go_on(field, site, (at, normal), &sampler, path, sums, &mut row, counts, lookups, out);
                 }
                 scratch.blocked[replicate].push(direction);
             }
@@ -80,13 +81,14 @@ impl<'a> Pass<'a> {
         out.rays = (points * REPLICATES) as u32;
     }
 
-    /// Follows a path from a hit where the cache has nothing until it has, or the path ends.
+    /// Follows a path from a hit where the cache has nothing until it has, or the path ends; its normal is known where that
+    /// is the start itself.
     #[cold]
     fn go_on<T: Sample>(
         &self,
         field: &LevelField<'_, T>,
         site: &Site,
-        mut at: CellPoint,
+        (mut at, mut known): (CellPoint, Option<Normal>),
         sampler: &PathSampler,
         path: u32,
         sums: &mut [f32],
@@ -97,7 +99,7 @@ impl<'a> Pass<'a> {
     ) {
         let layers = &self.settings.layers;
         for depth in 1..layers.len() {
-            let Some(normal) = field.hit_normal(&at) else {
+            let Some(normal) = known.or_else(|| field.hit_normal(&at)) else {
                 out.lost += 1;
                 return;
             };
@@ -108,8 +110,9 @@ impl<'a> Pass<'a> {
                     sh::basis::accumulate(layers.bands()[depth], &[direction], &mut sums[layers.offset(depth)..]);
                     return;
                 }
-                Outcome::Lost => out.lost += 1,
-                Outcome::Hit(hit) => at = hit.at,
+                // It goes on from the same place about the same normal.
+                Outcome::Lost => (out.lost, known) = (out.lost + 1, Some(normal)),
+                Outcome::Hit(hit) => (at, known) = (hit.at, None),
             }
             if self.cache.add(&at, &self.spans[depth], sums, row, lookups) {
                 return;
