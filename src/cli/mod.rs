@@ -90,7 +90,7 @@ enum Command {
     Bake(Box<bake::Bake>),
     Merge(merge::Merge),
     Verify(verify::Verify),
-    Compare(compare::Compare),
+    Compare(Box<compare::Compare>),
     Study(Box<study::Study>),
     Relight(Box<relight::Relight>),
     View(Box<view::View>),

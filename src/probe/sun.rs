@@ -104,12 +104,15 @@ impl Default for SunOptions {
 }
 
 impl SunOptions {
-    /// Those of a choice, for direct light of some bands; `None` for no split.
+    /// Those of a choice, for direct light of some bands; `None` for no split. A number of lobes that was asked for has a
+    /// tenth of the tolerance: slivers beside a lamp are no lamps.
     pub fn of(split: SunSplit, bands: usize) -> Option<Self> {
         match split {
             SunSplit::Off => None,
             SunSplit::Auto => Some(Self { bands, ..Self::default() }),
-            SunSplit::Lobes(most) => Some(Self { bands, most: most.min(MOST_SUNS), tolerance: 0.0, ..Self::default() }),
+            SunSplit::Lobes(most) => {
+                Some(Self { bands, most: most.min(MOST_SUNS), tolerance: SUN_TOLERANCE / 10.0, ..Self::default() })
+            }
         }
     }
 }

@@ -101,7 +101,7 @@ pub(super) fn peel(image: &LatLong, radius: f64) -> Result<Lobe, NoSun> {
         extent = extent.max(angle(towards, centre(image, i % width, i / width)));
     }
     // Around a part stands the rest of the lamp, which is none of its surroundings.
-    let is_beside = |i: usize| !inside[i] && !(is_part && luminance(image.pixels()[i]) > threshold(PART));
+    let is_beside = |i: usize| !(inside[i] || is_part && luminance(image.pixels()[i]) > threshold(PART));
     let far = if is_part { 2.0 * radius } else { extent + 2.0 * pixel_side };
     let fill = ring_mean(image, towards, 0.0, far, is_beside).value();
     let fill = fill.unwrap_or([background; 3]).map(|v| v as f32);

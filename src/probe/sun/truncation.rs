@@ -86,17 +86,24 @@ fn edge() -> &'static [f64; DEGREES] {
 /// ‖L_l‖² of each channel, of the means over the parts of a coarse grid.
 fn energies(image: &LatLong) -> [[f64; DEGREES]; 3] {
     let rows = image.height().min(ROWS);
-    let columns = image.width().min(2 * ROWS);
+    let (columns, strips) = (image.width().min(2 * ROWS), ROWS.div_ceil(rows));
     let mut sums = vec![[0.0f64; 6]; DEGREES * DEGREES];
     for row in 0..rows {
         let span = row * image.height() / rows..(row + 1) * image.height() / rows;
         let [top, bottom] = [image.row_latitudes(span.start)[0], image.row_latitudes(span.end - 1)[1]];
-        let (height, line) = (libm::sin(top) - libm::sin(bottom), mean_row(image, span, columns));
-        let fourier = fourier(&line);
-        for_each_legendre(0.5 * (libm::sin(top) + libm::sin(bottom)), |m, l, p| {
-            let sum = &mut sums[m * DEGREES + l];
-            (0..6).for_each(|i| sum[i] += height * p * fourier[m][i]);
-        });
+        let fourier = fourier(&mean_row(image, span, columns));
+        // Two points of Gauss in each strip of the height of a row of the finest image.
+        for strip in 0..strips {
+            let latitude = |k: usize| libm::sin(bottom + (top - bottom) * k as f64 / strips as f64);
+            let (low, high) = (latitude(strip), latitude(strip + 1));
+            let half = 0.5 * (high - low);
+            for node in [-1.0, 1.0].map(|side| 0.5 * (low + high) + side * half / 3.0f64.sqrt()) {
+                for_each_legendre(node, |m, l, p| {
+                    let sum = &mut sums[m * DEGREES + l];
+                    (0..6).for_each(|i| sum[i] += half * p * fourier[m][i]);
+                });
+            }
+        }
     }
     let mut energies = [[0.0; DEGREES]; 3];
     for m in 0..DEGREES {
@@ -137,7 +144,8 @@ fn fourier(line: &[[f64; 3]]) -> Vec<[f64; 6]> {
         for (i, rgb) in line.iter().enumerate() {
             // m (i + ½) = m i + ½ m: half steps are whole where m is even.
             let place = m * i + m / 2;
-            let (sine, cosine) = if m % 2 == 0 { turn[place % line.len()] } else { circle[place % line.len()] };
+            let (sine, cosine) =
+                if m.is_multiple_of(2) { turn[place % line.len()] } else { circle[place % line.len()] };
             for c in 0..3 {
                 sums[c] += rgb[c] * cosine;
                 sums[c + 3] += rgb[c] * sine;
@@ -177,7 +185,7 @@ mod tests {
                 let total: f64 = expected[c].values()[0].powi(2);
                 for l in 0..8 {
                     let energy: f64 = expected[c].values()[l * l..(l + 1) * (l + 1)].iter().map(|v| v * v).sum();
-                    // The middle of a row of 1.4° for its integral.
+                    // Means over parts of 1.4°.
                     let error = (found[c][l] - energy).abs();
                     assert!(error <= 0.01 * energy + 1e-5 * total, "{name} {c} {l}: {} for {energy}", found[c][l]);
                 }
