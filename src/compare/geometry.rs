@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::sampling::hash::key;
 use crate::transport::{CellPoints, GeometricCounts, SceneReference, geometric};
 
-/// What paths on the trilinear surface itself say ([`geometric`]).
+/// What paths on the trilinear surface itself say ([`geometric()`]).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GeometryComparison {
     /// Their mean radiance.
@@ -45,7 +45,7 @@ pub fn check_geometry(surface: &LitSurface<'_>) -> Result<()> {
 /// `points` are the exact places.
 ///
 /// # Errors
-/// As [`check_geometry`] and [`geometric`]; a comparison of other points.
+/// As [`check_geometry`] and [`geometric()`]; a comparison of other points.
 pub fn compare_geometry(q: &Question<'_>, found: &Comparison, points: &CellPoints) -> Result<GeometryComparison> {
     let surface = &q.surface;
     check_geometry(surface)?;

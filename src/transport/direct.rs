@@ -3,7 +3,7 @@
 //! Exitant radiance of the Lambertian level set, L_o = ρ/π ∫ (V L + (1−V) L_o') (n·ω)⁺ dω, by paths that see only that
 //! level set, and what stands around it. It shares with the bake what both are defined by (what a ray meets, normals,
 //! the rule for rays lost in the solid) and nothing else: no spherical harmonics, no layers, no lookup. What shares
-//! none of that is [`super::geometric`].
+//! none of that is [`super::geometric()`].
 
 use super::REPLICATES;
 use super::scene_path::{SceneCounts, SceneReference, Tracer, World};

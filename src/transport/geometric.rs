@@ -1,10 +1,10 @@
 //! Radiance of the surface that the samples themselves describe: path tracing on the trilinear level set, with nothing of
 //! what the transfer and its other reference approximate.
 //!
-//! [`super::direct`] starts about smoothed normals, as the texture does. Those are not the normals of the surface that
+//! [`super::direct()`] starts about smoothed normals, as the texture does. Those are not the normals of the surface that
 //! its rays meet: where the two disagree, rays start into the solid, and a rule decides what becomes of them. Here the normal is the gradient of the trilinear field itself, at the start and at each hit; directions are drawn
 //! about it, so that each leaves towards the lit side and no such rule is needed. All of it is f64, with an own march and
-//! an own root ([`trilinear`]): nothing demands f32 but speed.
+//! an own root (`trilinear`): nothing demands f32 but speed.
 //!
 //! Points lie inside cells. On a face between two cells, where vertices of an isosurface lie, the gradient is that of
 //! either side, and a half of the hemisphere about one may lie in the solid of the other.
@@ -36,7 +36,7 @@ const MOST_DRAWS: u32 = 16;
 /// Random points of an isosurface inside the cells of the grid.
 #[derive(Clone, Debug, Default)]
 pub struct CellPoints {
-    /// Each with its smoothed normal, as [`super::direct`] takes them.
+    /// Each with its smoothed normal, as [`super::direct()`] takes them.
     pub smoothed: Vec<SurfacePoint>,
     // One for each of them.
     exact: Vec<InCell>,
@@ -170,7 +170,7 @@ impl Normals {
     }
 }
 
-/// Radiance at the points of an isosurface under each of `environments`, as [`super::direct`] gives it for smoothed
+/// Radiance at the points of an isosurface under each of `environments`, as [`super::direct()`] gives it for smoothed
 /// normals: one list an environment, in the order of the points. What stands around the volume is not met.
 ///
 /// # Errors

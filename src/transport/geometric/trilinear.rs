@@ -152,7 +152,7 @@ impl<'a> TrilinearSurface<'a> {
     }
 
     fn sample(&self, [x, y, z]: [usize; 3]) -> f64 {
-        let raw = f64::from(self.volume.samples().raw(self.volume.index(x, y, z)) as f32);
+        let raw = f64::from(self.volume.samples().raw(self.volume.index(x, y, z)));
         f64::from(self.volume.solid_sign()) * (raw - self.isovalue)
     }
 
