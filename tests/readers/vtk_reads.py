@@ -89,7 +89,12 @@ colour = points["COLOR_0"].astype(float)
 if colour.max() > 1.5:
     colour /= 65535.0
 exposure = 2.0 ** document["asset"]["extras"]["exposure_ev"]
-difference = np.abs(colour[:, :3] - np.clip(radiance * exposure, 0, 1)).max()
+# What has a negative channel moves towards the grey of its luminance.
+grey, least = radiance @ np.array([0.2126, 0.7152, 0.0722]), radiance.min(axis=1)
+kept = np.where(least < 0, np.where(grey > 0, grey / np.where(least < 0, grey - least, 1), 0), 1)[:, None]
+shown = np.where(least[:, None] < 0, np.maximum(grey, 0)[:, None] + kept * (radiance - grey[:, None]), radiance)
+shown[(least < 0) & (grey <= 0)] = 0
+difference = np.abs(colour[:, :3] - np.clip(shown * exposure, 0, 1)).max()
 check(difference <= 1 / 65535, f"glTF: COLOR_0 of {len(colour)} vertices is exposed radiance, largest difference {difference:.1e}")
 
 cloud = vtk.vtkPolyData()
