@@ -140,7 +140,10 @@ impl Kind {
             let albedo = light.albedo;
             let each = light.light.iter().enumerate().map(|(c, all)| weights_of(layers, light, c, all));
             let each: Vec<Vec<f32>> = each.collect();
-            let mean = each.iter().map(|w| found.mean_of(w)).sum::<f64>() / 3.0 + mean_of_luminaires(albedo);
+            // Over all that the surface sends out: with the lamps that are lit apart.
+            let whole = ForLight { direct: None, ..light.clone() };
+            let of_whole = |(c, all)| found.mean_of(&weights_of(layers, &whole, c, all));
+            let mean = light.light.iter().enumerate().map(of_whole).sum::<f64>() / 3.0 + mean_of_luminaires(albedo);
             if mean.is_nan() || mean <= 0.0 {
                 // A light that was not asked for as a measure may be dark.
                 if is_usual {
