@@ -79,7 +79,7 @@ fn emission_is_the_sum_over_all_bounces_of_what_survives() {
 #[test]
 fn the_exposure_maps_the_99th_percentile_to_one() {
     // 101 grey levels 0, 0.1, … 10: the 99th percentile is 9.9. Channels count by their maximum.
-    let radiance: Vec<[f32; 3]> = (0..101).rev().map(|i| [0.0, i as f32 / 10.0, -1.0]).collect();
+    let radiance: Vec<[f32; 3]> = (0..101).rev().map(|i| [0.0, i as f32 / 10.0, 0.0]).collect();
     let factor = Exposure::Percentile.factor(&radiance);
     assert!((factor * 9.9 - 1.0).abs() < 1e-6, "{factor}");
     let shown = Exposure::apply(factor, &radiance);

@@ -146,6 +146,7 @@ pub const FORBIDDEN: &[Rule] = &[
 /// Where rayon may be named: file (or the beginning of its path) and the loop it runs.
 pub const RAYON_FILES: &[(&str, &str)] = &[
     ("src/transport/", "texels in bricks"),
+    ("src/bake/checks.rs", "check points"),
     ("src/volume/mod.rs", "range and finiteness of the samples"),
     ("src/level/pyramid.rs", "slabs of blocks"),
     ("src/transfer/store/volume.rs", "slabs of chunks"),

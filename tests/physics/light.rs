@@ -342,8 +342,9 @@ fn the_variance_of_the_rays_is_that_of_many_choices() {
         let ratio = stated / found;
         println!("{degrees}°, {rays} rays: stated {ratio:.2} of the variance at {points} points");
         // A variance of 64 choices has a relative error of 0.18, their sum over the penumbra a hundredth; what is left is
-        // how the edges run, which the constant knows only in the mean.
-        assert!(points > 30 && (0.7..1.6).contains(&ratio), "{degrees}°, {rays} rays: {ratio} at {points} points");
+        // how the edges run, which the constant knows only in the mean. With many rays a net errs less than its cells would
+        // alone: what is stated is then too much.
+        assert!(points > 30 && (0.7..2.5).contains(&ratio), "{degrees}°, {rays} rays: {ratio} at {points} points");
     }
 }
 

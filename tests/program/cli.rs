@@ -65,7 +65,7 @@ fn a_bake_goes_on_where_it_was_and_refuses_another_identity() {
     assert!(bench.path("-0.5.ply").exists() && bench.path("-0.8.ply").exists());
     // A lost chunk is baked again, with the same bytes.
     let before = bytes(&bench.path("s.isolume"));
-    let lost = bench.path("s.isolume/transfer/sphere/env/transfer/c/0/0/0/0");
+    let lost = bench.path("s.isolume/surfaces/sphere/-0.5/transfer/c/0/0");
     std::fs::remove_file(lost).expect("removed");
     bench.run("bake sphere:40 --isovalues -0.8,-0.5 --rays 4 --layers 1 --bands 2 -o s.isolume");
     assert_eq!(bytes(&bench.path("s.isolume")), before);

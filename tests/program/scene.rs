@@ -234,7 +234,7 @@ const ROOM: &str = "volume = \"bumpbox:12\"\nisovalues = [47]\noutputs = [\"box.
 fn luminaires_are_relit_without_rays() {
     let bench = Bench::new();
     bench.write("room.toml", ROOM);
-    let baked = bench.json("bake room.toml -o room.isolume");
+    let baked = bench.json("bake room.toml --texture 1 -o room.isolume");
     let effects = &baked["bake"]["effects"];
     assert!(effects["walls"]["rays"].as_u64() > Some(0) && effects["luminaires"]["rays"].as_u64() > Some(0), "{baked}");
     assert_eq!((effects["caustics"]["photons"].as_u64(), effects["media"]["rays"].as_u64()), (Some(0), Some(0)));
@@ -251,13 +251,13 @@ fn luminaires_are_relit_without_rays() {
         assert_eq!([a[0], 0.0, 0.0], *r);
     }
     // The scene itself gives the same surface, and a picture.
-    bench.run("relight room.toml --cache c --radiance");
+    bench.run("relight room.toml --texture 1 --cache c --radiance");
     assert_eq!(radiance(&bench.bytes("box.ply")), once);
     assert!(bench.bytes("box.png").starts_with(b"\x89PNG"));
     // Baked again nothing is done; other walls are another store.
-    assert_eq!(bench.json("bake room.toml -o room.isolume")["bake"]["chunks"]["baked"], 0);
+    assert_eq!(bench.json("bake room.toml --texture 1 -o room.isolume")["bake"]["chunks"]["baked"], 0);
     bench.write("room.toml", ROOM.replace("0.6, 0.3", "0.5, 0.3"));
-    assert!(bench.refuses("bake room.toml -o room.isolume").contains("scene"));
+    assert!(bench.refuses("bake room.toml --texture 1 -o room.isolume").contains("scene"));
     // Switched off, walls and luminaires are as if they had not been described: the very same store.
     bench.json("bake room.toml --effects -walls,-luminaires -o bare.isolume");
     bench.json("bake bumpbox:12 --isovalues 47 --rays 16 --layers 3 --bands 1 -o plain.isolume");

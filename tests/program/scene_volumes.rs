@@ -27,7 +27,7 @@ fn a_pair_is_baked_into_one_store_and_lit_together() {
         assert!(row["on"] == true && row["setting"].as_str().is_some_and(|s| s.contains("chosen pair")), "{row}");
         assert!(row["reason"].as_str().is_some_and(|s| s.contains(other)), "{row}");
     }
-    let bake = bench.json("bake pair.toml -o pair.isolume");
+    let bake = bench.json("bake pair.toml --texture 1 -o pair.isolume");
     for volume in [0, 1] {
         let effects = &bake["volumes"][volume]["bake"]["effects"];
         assert!(effects["coupling"]["hits"].as_u64() > Some(0), "{effects}");
@@ -52,9 +52,9 @@ fn a_pair_is_baked_into_one_store_and_lit_together() {
         bench.run(&format!("export pair.isolume --volume {name} --env sky -o {name}.nrrd"));
     }
     // Baked again nothing is done; the scene lights the same surfaces by itself.
-    let again = bench.json("bake pair.toml -o pair.isolume");
+    let again = bench.json("bake pair.toml --texture 1 -o pair.isolume");
     assert!((0..2).all(|v| again["volumes"][v]["bake"]["chunks"]["baked"] == 0), "{again}");
-    bench.run("relight pair.toml --cache c --radiance -o scene.ply");
+    bench.run("relight pair.toml --texture 1 --cache c --radiance -o scene.ply");
     assert!(radiance(&bench.bytes("scene.ply")) == both);
     for (line, words) in [
         ("relight pair.isolume --env sky -o x.glb --isovalue 48", "bumps=48, which has no partner in gyroid"),
@@ -70,7 +70,7 @@ fn a_pair_is_baked_into_one_store_and_lit_together() {
     }
     // Another pair is another store.
     bench.write("pair.toml", PAIR.replace("COUPLING", "[[60, 0.6]]"));
-    assert!(bench.refuses("bake pair.toml -o pair.isolume").contains("coupling"));
+    assert!(bench.refuses("bake pair.toml --texture 1 -o pair.isolume").contains("coupling"));
 }
 
 /// Root and description of the second volume are lost: the first restores the one, the second the other, and no chunk is
@@ -79,12 +79,12 @@ fn a_pair_is_baked_into_one_store_and_lit_together() {
 fn lost_metadata_of_several_volumes_comes_back() {
     let bench = Bench::new();
     bench.write("a.toml", PAIR.replace("COUPLING", "[[47, 0.6]]"));
-    bench.run("bake a.toml -o a.isolume");
+    bench.run("bake a.toml --texture 1 -o a.isolume");
     let names = ["zarr.json", "transfer/gyroid/env/zarr.json", "volumes/gyroid/data/zarr.json", "volumes/zarr.json"];
     let before = names.map(|name| bench.bytes(&format!("a.isolume/{name}")));
     for lost in [&names[..1], &names[..2], &names[1..], &names[..]] {
         lost.iter().for_each(|name| std::fs::remove_file(bench.path(&format!("a.isolume/{name}"))).expect("removed"));
-        let again = bench.json("bake a.toml -o a.isolume");
+        let again = bench.json("bake a.toml --texture 1 -o a.isolume");
         let volumes = again["volumes"].as_array().expect("two volumes");
         assert!(volumes.iter().all(|v| v["bake"]["chunks"]["baked"] == 0), "{lost:?}: {again:#}");
         assert!(names.map(|name| bench.bytes(&format!("a.isolume/{name}"))) == before, "{lost:?}");
@@ -106,8 +106,8 @@ fn the_order_of_volumes_does_not_matter() {
         bench.write("b.toml", swapped(other));
         // 40 % of either range is the same pair; rounding may differ by a bit where it goes back and forth.
         let line = if coupling.starts_with('[') { "" } else { "--isovalues 40%" };
-        bench.run(&format!("bake a.toml {line} -o a.isolume --force"));
-        bench.run(&format!("bake b.toml {line} -o b.isolume --force"));
+        bench.run(&format!("bake a.toml {line} --texture 1 -o a.isolume --force"));
+        bench.run(&format!("bake b.toml {line} --texture 1 -o b.isolume --force"));
         for name in ["bumps", "gyroid"] {
             assert!(shard("a.isolume", name) == shard("b.isolume", name), "{coupling} {name}");
         }
@@ -249,10 +249,10 @@ fn shares_of_several_volumes_are_the_whole() {
     let scene =
         PAIR.replace("COUPLING", "[[47, 0.6]]").replace("bumpbox:12", "bumpbox:40").replace("rays = 8", "rays = 4");
     bench.write("pair.toml", scene);
-    bench.run("bake pair.toml -o whole.isolume");
+    bench.run("bake pair.toml --texture 1 -o whole.isolume");
     for share in ["1/2", "2/2"] {
-        bench.run(&format!("bake pair.toml --chunks {share} -o {}.isolume", &share[..1]));
-        bench.run(&format!("bake pair.toml --chunks {share} -o both.isolume"));
+        bench.run(&format!("bake pair.toml --texture 1 --chunks {share} -o {}.isolume", &share[..1]));
+        bench.run(&format!("bake pair.toml --texture 1 --chunks {share} -o both.isolume"));
     }
     bench.run("merge 1.isolume 2.isolume -o merged.isolume");
     let [whole, both, merged] = ["whole", "both", "merged"].map(|name| {
@@ -275,7 +275,7 @@ fn shares_of_several_volumes_are_the_whole() {
 fn texels_of_scenes_are_replayed() {
     let bench = Bench::new();
     bench.write("pair.toml", PAIR.replace("COUPLING", "[[47, 0.6]]"));
-    bench.run("bake pair.toml -o pair.isolume");
+    bench.run("bake pair.toml --texture 1 -o pair.isolume");
     let replays = bench.run("bake pair.toml --json --replay-texel 5,5,5");
     let mut all = serde_json::Deserializer::from_str(&replays).into_iter::<serde_json::Value>();
     for _ in 0..2 {

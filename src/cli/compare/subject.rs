@@ -55,8 +55,8 @@ impl Subject {
     /// The textures of the vertices of an isosurface, one a group, where they have transfer of their own.
     pub(super) fn at_vertices(&self, isovalue: f64) -> Result<Option<Vec<Store>>> {
         let Some(surface) = self.textures[0].surface(isovalue)? else { return Ok(None) };
-        let groups = surface.identity().groups();
-        let others = groups.iter().skip(1).map(|group| surface.group(group)).collect::<Result<Vec<_>>>()?;
+        let others = surface.identity().groups().split_off(1);
+        let others = others.iter().map(|group| surface.group(group)).collect::<Result<Vec<_>>>()?;
         Ok(Some(std::iter::once(surface).chain(others).collect()))
     }
 

@@ -177,7 +177,8 @@ impl Identity {
     /// Refuses an identity that differs from that of the store at `path`. `names`: of the volume that it holds and of
     /// the one given, for people.
     pub(super) fn check(&self, asked: &Self, path: &Path, names: [&str; 2]) -> Result<()> {
-        let Some((field, mut stored, mut asked)) = self.first_difference(asked) else { return Ok(()) };
+        let other = asked;
+        let Some((field, mut stored, mut asked)) = self.first_difference(other) else { return Ok(()) };
         let mut remedy = format!("give another output with -o, or --force to replace {}", path.display());
         if field == "volume" {
             let shown = |name: &str, hash: String| match names[0] == names[1] {
@@ -191,6 +192,9 @@ impl Identity {
                 "it can be read, not extended: convert it with `isolume merge {} -o NEW.isolume`, or {remedy}",
                 path.display()
             );
+        }
+        if field == "estimator" && self.estimator == other.estimator {
+            remedy = format!("an older version baked it: it can be read, not extended; {remedy}");
         }
         Err(Error::Mismatch { path: path.into(), field: field.into(), stored, asked, remedy })
     }

@@ -4,6 +4,7 @@
 //! identity of each says which partners it was baked among, and how their isovalues follow its own.
 
 use super::metadata::{check_group, node_name, open_root, required_json, root_about, sealed, unsealed};
+use super::surface::SURFACES;
 use super::zarr::{self, FORMAT, METADATA_REMEDY};
 use super::{Backing, Identity, Store, StoreOptions, volume};
 use crate::error::{Error, Result};
@@ -97,7 +98,7 @@ impl Store {
         let mut all: Vec<(String, Value)> = known.into_iter().collect();
         all.extend(nodes.into_iter().filter(|(key, _)| root["consolidated_metadata"]["metadata"].get(key).is_none()));
         let mut root = zarr::group(sealed(root_about(held)));
-        zarr::consolidate(&mut root, &all);
+        zarr::consolidate(&mut root, &all, SURFACES);
         put("zarr.json", &root)
     }
 }

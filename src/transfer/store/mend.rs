@@ -11,6 +11,7 @@ use super::joint::read_identity;
 use super::metadata::{
     arrays, check_group, check_version, node_keys, node_name, nodes_of, required_json, root_about, sealed, unsealed,
 };
+use super::surface::SURFACES;
 use super::zarr::FORMAT;
 use super::{FORMAT_VERSION, Identity, StoreOptions, surface, volume, zarr};
 use crate::error::{Error, Result};
@@ -163,7 +164,7 @@ fn root(backing: &Backing, identity: &Identity, node: &str, nodes: Vec<(String, 
         }
     }
     let mut root = zarr::group(sealed(root_about(&names)));
-    zarr::consolidate(&mut root, &all);
+    zarr::consolidate(&mut root, &all, SURFACES);
     Ok(root)
 }
 

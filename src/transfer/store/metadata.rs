@@ -5,6 +5,7 @@ use super::backing::Backing;
 use super::chunk::ARRAYS;
 use super::identity::{FORMAT_VERSION, Identity, OLDEST_FORMAT_VERSION};
 use super::zarr::{self, Array, FORMAT, METADATA_REMEDY};
+use super::surface::SURFACES;
 use super::{joint, volume};
 use crate::error::{Error, Result};
 use crate::transfer::{Layers, Layout};
@@ -68,7 +69,7 @@ pub(super) fn write_skeleton(
     let node = node_name(&volume.name);
     let nodes = nodes_of(volume, identity, layout, provenance)?;
     let mut root = zarr::group(sealed(root_about(std::slice::from_ref(&node))));
-    zarr::consolidate(&mut root, &nodes);
+    zarr::consolidate(&mut root, &nodes, SURFACES);
     let put = |key: &str, value: &Value| backing.put(key, false, format!("{value:#}\n").as_bytes());
     put("zarr.json", &root)?;
     for (key, value) in &nodes {

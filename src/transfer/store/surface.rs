@@ -338,7 +338,7 @@ impl Store {
         let is_new = |key: &String| nodes.iter().all(|(new, _)| new != key);
         let mut all: Vec<(String, Value)> = known.into_iter().filter(|(key, _)| is_new(key)).collect();
         all.extend(nodes);
-        zarr::consolidate(&mut root, &all);
+        zarr::consolidate(&mut root, &all, SURFACES);
         self.backing.put("zarr.json", self.sync, format!("{root:#}\n").as_bytes())
     }
 }

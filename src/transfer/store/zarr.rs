@@ -126,9 +126,14 @@ pub(super) fn shorten(value: &Value) -> String {
 }
 
 /// Adds `consolidated_metadata`, all nodes of the hierarchy below, to the metadata of the root.
-/// zarr-python and xarray then list the groups without walking the directory. We never read it.
-pub(super) fn consolidate(root: &mut Value, nodes: &[(String, Value)]) {
-    let metadata: Map<String, Value> = nodes.iter().cloned().collect();
+/// zarr-python and xarray then list the groups without walking the directory. We never read it. Nodes below `late` are
+/// added in any order: they come last, by name.
+pub(super) fn consolidate(root: &mut Value, nodes: &[(String, Value)], late: &str) {
+    let is_late = |(key, _): &&(String, Value)| key.split('/').next() == Some(late);
+    let mut last: Vec<&(String, Value)> = nodes.iter().filter(is_late).collect();
+    last.sort_by(|a, b| a.0.cmp(&b.0));
+    let all = nodes.iter().filter(|node| !is_late(node)).chain(last);
+    let metadata: Map<String, Value> = all.cloned().collect();
     root["consolidated_metadata"] = json!({ "kind": "inline", "must_understand": false, "metadata": metadata });
 }
 

@@ -40,7 +40,7 @@ fn as_format(path: &Path, version: u32) {
     let old = Identity { format_version: version, ..identity() };
     let nodes = nodes_of(&volume(), &old, &layout(), provenance()).unwrap();
     let mut root = zarr::group(sealed(json!({ "isolume": { "format_version": version, "volume": "a_b__" } })));
-    zarr::consolidate(&mut root, &nodes);
+    zarr::consolidate(&mut root, &nodes, "surfaces");
     fs::write(path.join("zarr.json"), root.to_string()).unwrap();
     for (key, value) in nodes {
         fs::write(path.join(key).join("zarr.json"), value.to_string()).unwrap();
