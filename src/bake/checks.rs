@@ -7,7 +7,9 @@ use crate::sampling::hash::{key, uniform};
 use crate::surface::Mesh;
 use crate::transfer::checks::{CheckPoints, NO_ESCAPE, escape};
 use crate::transfer::{Lattice, Layout, Selection};
-use crate::transport::{Bake, PathEnd, ReplayedPath, Settings, SurfacePoints, estimates, points_in_cells, replay_texel};
+use crate::transport::{
+    Bake, PathEnd, ReplayedPath, Settings, SurfacePoints, estimates, points_in_cells, replay_texel,
+};
 use crate::volume::{Volume, with_samples};
 use glam::Vec3;
 use rayon::prelude::*;

@@ -171,7 +171,8 @@ impl Kind {
             hash.update(&weight.to_le_bytes());
         }
         let digits = &hash.finalize().to_hex()[..16];
-        let of = format!("RMS of the radiance over its mean under {} ({digits})", names.join("; "));
+        let near = if powers.is_empty() { "" } else { ", and the luminaires" };
+        let of = format!("RMS of the radiance over its mean under {}{near} ({digits})", names.join("; "));
         let mut kind = Self { of, weights, luminaires, errors: ErrorHistogram::default() };
         let settings = Settings { target: Some(kind.target(f32::MAX)), ..settings };
         kind.errors = pilot(&job.bake(pyramid, &settings, &selection), MEAN_TEXELS)?.errors;

@@ -2,9 +2,9 @@
 
 use super::observer::{Observer, Task};
 use super::pending::{Part, Pending, texels_in};
-use super::{checks, repair};
 use super::report::{GoalRecord, PhotonReport, Report};
 use super::request::{Estimator, Request};
+use super::{checks, repair};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::surface::{Mesh, isosurface};

@@ -14,8 +14,8 @@ use super::light::parse_factor;
 use super::light::{open_probe, parse_triple};
 use super::{Outcome, text};
 use crate::compare::{
-    BudgetRow, Comparison, Distance, GeometryComparison, LitSurface, PhotonComparison, Question, Vertices, check_geometry,
-    compare, compare_geometry, compare_photons, unburied,
+    BudgetRow, Comparison, Distance, GeometryComparison, LitSurface, PhotonComparison, Question, Vertices,
+    check_geometry, compare, compare_geometry, compare_photons, unburied,
 };
 use crate::error::Error;
 use crate::probe::{Orientation, Probe, SunSplit};

@@ -264,7 +264,9 @@ pub(super) fn isovalues_text(held: &Holdings) -> String {
         (true, true) => "all".into(),
         (true, false) => format!("all, and more of {list}"),
         (false, true) => "none".into(),
-        (false, false) if held.surfaces.len() == held.isovalues.len() => format!("{list}, at the vertices of their surfaces"),
+        (false, false) if held.surfaces.len() == held.isovalues.len() => {
+            format!("{list}, at the vertices of their surfaces")
+        }
         (false, false) => list,
     }
 }
@@ -273,7 +275,8 @@ pub(super) fn isovalues_text(held: &Holdings) -> String {
 pub(super) fn quality_text(held: &Holdings) -> String {
     let [least, most] = held.rays;
     let rays = if least == most { most.to_string() } else { format!("{least} to {most}") };
-    let mut parts = vec![format!("{rays} rays a {}", if held.in_texture.is_empty() && !held.all { "vertex" } else { "texel" })];
+    let mut parts =
+        vec![format!("{rays} rays a {}", if held.in_texture.is_empty() && !held.all { "vertex" } else { "texel" })];
     for (of, [low, high]) in &held.targets {
         let errors = if low == high { format!("{low}") } else { format!("{low} to {high}") };
         parts.push(format!("or a standard error of {errors} ({of})"));
@@ -310,9 +313,13 @@ fn store(argument: &str, console: &Console) -> Outcome {
     for &isovalue in &held.surfaces {
         let Some(surface) = store.surface(isovalue)? else { continue };
         let vertices = surface.layout().lattice.texels()[0];
-        rows.push(row("surface", format!("isovalue {}: {} vertices", text::number(isovalue, 8), text::count(vertices as u64))));
+        rows.push(row(
+            "surface",
+            format!("isovalue {}: {} vertices", text::number(isovalue, 8), text::count(vertices as u64)),
+        ));
     }
-    let of_surfaces = held.surfaces.iter().map(|&c| Ok(store.surface(c)?.map_or(0, |s| s.layout().lattice.chunks()[0])));
+    let of_surfaces =
+        held.surfaces.iter().map(|&c| Ok(store.surface(c)?.map_or(0, |s| s.layout().lattice.chunks()[0])));
     let all = store.layout().lattice.chunks().iter().product::<usize>() + of_surfaces.sum::<Result<usize>>()?;
     let complete = Completeness::of(&store, &volume)?;
     let state = match complete.there == complete.needed {

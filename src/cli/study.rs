@@ -454,8 +454,13 @@ fn kept(row: &Row) -> Kept {
 
 /// Spread of repeated bakes, over their mean: wall-clock time and processor time.
 fn clock_noise(bench: &Bench<'_>, seed: u64) -> Outcome<[f64; 2]> {
-    let setting =
-        Setting { estimator: Estimator::Path, rays: 16, bands: BANDS.to_vec(), ratio: Some(1.0), kept_as: Precision::Half };
+    let setting = Setting {
+        estimator: Estimator::Path,
+        rays: 16,
+        bands: BANDS.to_vec(),
+        ratio: Some(1.0),
+        kept_as: Precision::Half,
+    };
     // The first one warms caches.
     let clock = forecast::clock();
     bench.bake(&setting, seed, &clock)?;

@@ -200,13 +200,7 @@ fn limited(layers: &Layers, light: &Light, direction: Vec3, k: usize) -> [f64; 3
 
 /// Radiance of a transfer vector, as the definitions stand: of a volume alone the layers, emission by the chances to escape,
 /// and the tail; in a scene those of its groups one behind the other.
-fn radiance_of(
-    layers: &Layers,
-    vector: &[f32],
-    light: &Light,
-    material: &Material,
-    scene: Option<&Scene>,
-) -> [f64; 3] {
+fn radiance_of(layers: &Layers, vector: &[f32], light: &Light, material: &Material, scene: Option<&Scene>) -> [f64; 3] {
     let product = |k: usize, c: usize| -> f64 {
         let square = layers.bands()[k].pow(2);
         let of_channel = if layers.channels() == 1 { 0 } else { c * square };
@@ -221,7 +215,11 @@ fn radiance_of(
         let tail = Tail::new(&escapes);
         return std::array::from_fn(|c| {
             let sum: f64 = (0..layers.len()).map(|k| power(k, c) * product(k, c)).sum();
-            let beyond = if last > 0 { power(last, c) * product(last, c) * f64::from(tail.gain(material.albedo[c])) } else { 0.0 };
+            let beyond = if last > 0 {
+                power(last, c) * product(last, c) * f64::from(tail.gain(material.albedo[c]))
+            } else {
+                0.0
+            };
             let emitted = f64::from(material.emission[c]) * f64::from(tail.emission(&escapes, material.albedo[c]).0);
             sum + beyond + if material.emission[c] > 0.0 { emitted } else { 0.0 }
         });
@@ -276,10 +274,14 @@ mod tests {
             (0..count).map(|i| [(truth + noise * normal(i, 2) + texture * normal(i, 3)) as f32; 3]).collect();
         let errors = vec![noise as f32; count];
         for at_vertices in [false, true] {
-            let lookups = Lookups { radiance: &radiance, errors: &errors, vertex_noise: noise, mean: truth, at_vertices };
+            let lookups =
+                Lookups { radiance: &radiance, errors: &errors, vertex_noise: noise, mean: truth, at_vertices };
             let found = total_error(&layers, &checks, &lookups, (&light, &material), None, None).unwrap();
             // A mean square of n numbers is known to sqrt(2/n), here 2.2 %; four of that, half of it in the root.
-            assert!((found.texture.rms / texture - 1.0).abs() < 0.07 && found.texture.upper > found.texture.rms, "{found:?}");
+            assert!(
+                (found.texture.rms / texture - 1.0).abs() < 0.07 && found.texture.upper > found.texture.rms,
+                "{found:?}"
+            );
             let all = if at_vertices { noise } else { (noise * noise + texture * texture).sqrt() };
             assert!((found.rms / all - 1.0).abs() < 0.07, "{found:?}");
             if at_vertices {

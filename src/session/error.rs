@@ -5,7 +5,7 @@ use super::{Lighting, Lit, Member, Part};
 use crate::error::Result;
 use crate::geom::Up;
 use crate::probe::LatLong;
-use crate::relight::{ErrorTerm, Lookups, LookupReport, Scene, TotalError, TriangleIndex, total_error};
+use crate::relight::{ErrorTerm, LookupReport, Lookups, Scene, TotalError, TriangleIndex, total_error};
 use crate::transfer::checks::CheckPoints;
 use crate::transfer::{BRICK, Lattice, Selection};
 use glam::Vec3;
@@ -84,19 +84,20 @@ impl Lit<'_> {
                 let bricks = bricks_around(source.layout().lattice, &checks.positions_in_grid);
                 let (contracted, _) = radiance_of_bricks(source, &bricks, lighting, material, &texels.luminaires)?;
                 let stated = contracted.look_up_errors(&checks.positions_in_grid);
-                let looked_up = places.map(|(&position, &normal)| {
-                    contracted.radiance_at(position, normal, light, material, &mut report)
-                });
+                let looked_up = places
+                    .map(|(&position, &normal)| contracted.radiance_at(position, normal, light, material, &mut report));
                 (looked_up.collect(), stated)
             }
         };
         let count = radiance.len() as f64;
-        let mean = self.radiance.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3.0 * self.radiance.len() as f64);
+        let mean =
+            self.radiance.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3.0 * self.radiance.len() as f64);
         let vertex_noise = (errors.iter().map(|&e| f64::from(e).powi(2)).sum::<f64>() / count).sqrt();
         let lookups =
             Lookups { radiance: &found, errors: &stated, vertex_noise, mean, at_vertices: transfer.is_some() };
         let groups = Groups::open(source, &texels.luminaires)?;
-        let scene = source.identity().scene.as_ref().map(|_| Scene { luminaires: groups.factors().map(|(_, f)| f).collect() });
+        let scene =
+            source.identity().scene.as_ref().map(|_| Scene { luminaires: groups.factors().map(|(_, f)| f).collect() });
         let image = Blurred::new(lighting, texels.surface.session.up())?;
         let seen = |direction: Vec3, k: usize| image.seen(direction, k);
         let layers = &source.layout().layers;
@@ -113,7 +114,8 @@ fn together(found: &[(f64, TotalError)]) -> Option<TotalError> {
     let rms = |of: &dyn Fn(&TotalError) -> f64| {
         (found.iter().map(|(count, error)| count * of(error).powi(2)).sum::<f64>() / all).sqrt()
     };
-    let term = |of: &dyn Fn(&TotalError) -> ErrorTerm| ErrorTerm { rms: rms(&|e| of(e).rms), upper: rms(&|e| of(e).upper) };
+    let term =
+        |of: &dyn Fn(&TotalError) -> ErrorTerm| ErrorTerm { rms: rms(&|e| of(e).rms), upper: rms(&|e| of(e).upper) };
     let mut error = found.first()?.1;
     error.rms = rms(&|e| e.rms);
     error.percentile_95 = found.iter().map(|(_, e)| e.percentile_95).fold(0.0, f64::max);

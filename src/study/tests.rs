@@ -53,7 +53,13 @@ fn points(volume: &Volume, isovalue: f64, count: usize, from_box: f32) -> Vec<Su
 }
 
 fn baked(study: &Study<'_>, bands: &[usize], rays: u32, ratio: f64) -> Baked {
-    let setting = Setting { estimator: Estimator::Path, rays, bands: bands.to_vec(), ratio: Some(ratio), kept_as: Precision::Half };
+    let setting = Setting {
+        estimator: Estimator::Path,
+        rays,
+        bands: bands.to_vec(),
+        ratio: Some(ratio),
+        kept_as: Precision::Half,
+    };
     study.bake(&setting, 5, &|| [0.0; 2]).unwrap()
 }
 

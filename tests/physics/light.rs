@@ -333,7 +333,7 @@ fn the_variance_of_the_rays_is_that_of_many_choices() {
             let mean = lit.iter().map(|&v| f64::from(v)).sum::<f64>() / CHOICES as f64;
             let spread = lit.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / (CHOICES - 1) as f64;
             // The penumbra: elsewhere only the cosine varies over the disk, of which stratified rays know nearly all.
-            if spread > 1e-5 {
+            if spread > 1e-6 {
                 found += spread;
                 stated += variance.iter().map(|&v| f64::from(v)).sum::<f64>() / CHOICES as f64;
                 points += 1;

@@ -86,10 +86,10 @@ fn far_apart_each_is_alone() {
         let n = list.len() as f64;
         let mean = list.iter().sum::<f64>() / n;
         let spread = list.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n * (n - 1.0));
-        if mean == 0.0 { 1.0 } else { isolume::sampling::statistics::normal_two_sided(mean.abs() / spread.sqrt()) }
+        if mean == 0.0 { 1.0 } else { normal_two_sided(mean.abs() / spread.sqrt()) }
     });
     let least = p.fold(1.0, f64::min);
-    assert!(least > isolume::sampling::statistics::sidak(1e-3, 24), "p = {least}");
+    assert!(least > sidak(1e-3, 24), "p = {least}");
 }
 
 /// A hollow ball cut in two, with air of two cells at the cut: the halves as two volumes are the one that holds both. Baked at

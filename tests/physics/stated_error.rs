@@ -47,8 +47,8 @@ fn row(field: &str, isovalue: f64, env: &str, texture: Option<f64>, rays: u32, c
     let coefficients = probe.coefficients_in_world(5, orientation);
     let limited = isolume::compare::BandLimited(&coefficients);
     let settings = SceneReference::new(1024, [ALBEDO; 3], 99);
-    let (found, _) =
-        direct(member.volume(), member.pyramid(), None, isovalue, &points, &[&whole, &limited], &settings).expect("paths");
+    let (found, _) = direct(member.volume(), member.pyramid(), None, isovalue, &points, &[&whole, &limited], &settings)
+        .expect("paths");
     let (mut square, mut sum, mut noise, mut covered) = (0.0, 0.0, 0.0, 0);
     for (i, &v) in picked.iter().enumerate() {
         let (of_paths, cut) = (&found[0][i], &found[1][i]);

@@ -108,7 +108,12 @@ fn an_environment_says_what_an_error_is_of() {
     let other = under("constant", "a.isolume");
     assert_eq!(other["bake"]["chunks"]["kept"], 0);
     assert_eq!(under("sun:45,30", "a.isolume")["bake"]["chunks"]["baked"], 0);
-    refused(at, &["bake", "bumpbox:24", "--rays", "64", "--for-env", "sky", "-o", "x.isolume"], 1, &["--error, --time or --auto"]);
+    refused(
+        at,
+        &["bake", "bumpbox:24", "--rays", "64", "--for-env", "sky", "-o", "x.isolume"],
+        1,
+        &["--error, --time or --auto"],
+    );
     let black = ["bake", "bumpbox:24", "--error", "1%", "--for-env", "black.png", "-o", "x.isolume"];
     image::RgbImage::new(8, 4).save(at.join("black.png")).unwrap();
     refused(at, &black, 1, &["lights no texel"]);

@@ -166,8 +166,7 @@ fn coarse_texels_are_replaced_and_good_ones_kept() {
     let directory = tempfile::tempdir().unwrap();
     let at = |name: &str| directory.path().join(name);
     let go = |store: &str, isovalue: &str, rays: &str| {
-        let mut command =
-            isolume(&["bake", "bumpbox:40", "--layers", "2", "--isovalues", isovalue, "--rays", rays]);
+        let mut command = isolume(&["bake", "bumpbox:40", "--layers", "2", "--isovalues", isovalue, "--rays", rays]);
         // Neighbouring isosurfaces share texels, not vertices.
         command.args(["--texture", "1", "-o"]);
         command.arg(at(store)).arg("--json");

@@ -259,8 +259,8 @@ fn luminaires_are_relit_without_rays() {
     bench.write("room.toml", ROOM.replace("0.6, 0.3", "0.5, 0.3"));
     assert!(bench.refuses("bake room.toml --texture 1 -o room.isolume").contains("scene"));
     // Switched off, walls and luminaires are as if they had not been described: the very same store.
-    bench.json("bake room.toml --effects -walls,-luminaires -o bare.isolume");
-    bench.json("bake bumpbox:12 --isovalues 47 --rays 16 --layers 3 --bands 1 -o plain.isolume");
+    bench.json("bake room.toml --texture 1 --effects -walls,-luminaires -o bare.isolume");
+    bench.json("bake bumpbox:12 --texture 1 --isovalues 47 --rays 16 --layers 3 --bands 1 -o plain.isolume");
     let shard = |store: &str| bench.bytes(&format!("{store}.isolume/transfer/bumpbox/env/transfer/c/0/0/0/0"));
     assert!(shard("bare") == shard("plain"));
     for (line, words) in [

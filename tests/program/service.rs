@@ -53,7 +53,8 @@ mod linux {
     }
 
     /// Dozens of chunks, of which some are done when the bake is asked to stop.
-    const LONG: &str = "bake bumpbox:128 --isovalues 47 --texture 1 --rays 64 --layers 2 --bands 3 --threads 1 -o s.isolume";
+    const LONG: &str =
+        "bake bumpbox:128 --isovalues 47 --texture 1 --rays 64 --layers 2 --bands 3 --threads 1 -o s.isolume";
 
     fn until(what: &str, holds: impl Fn() -> bool) {
         let start = Instant::now();

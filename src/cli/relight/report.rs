@@ -43,7 +43,9 @@ fn print(console: &Console, relit: &Relit) {
             w.exposure_ev,
             text::duration(time)
         ),
-        (all, Some(worst)) => format!("{} files in {}: {} or better", all.len(), text::duration(time), error_text(worst)),
+        (all, Some(worst)) => {
+            format!("{} files in {}: {} or better", all.len(), text::duration(time), error_text(worst))
+        }
         (_, None) => "no file".into(),
     });
     for s in surfaces {

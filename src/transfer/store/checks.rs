@@ -56,7 +56,8 @@ impl Store {
         };
         let record = unsealed(&json!({ "attributes": sealed })).map_err(|e| e.in_file(self.backing.name(&header)))?;
         let number = |name: &str| record[name].as_u64().filter(|&n| n < 1 << 24).map(|n| n as usize);
-        let Some(((points, coefficients), paths)) = number("points").zip(number("coefficients")).zip(number("paths")) else {
+        let Some(((points, coefficients), paths)) = number("points").zip(number("coefficients")).zip(number("paths"))
+        else {
             return Err(in_file(&header, "a record without numbers".into(), "points, coefficients and paths"));
         };
         if record["of"] != json!(self.identity_hash)
@@ -69,7 +70,11 @@ impl Store {
         };
         let expected = points * (12 + 12 + 8 + 2 * 4 * coefficients + 4 * paths);
         if bytes.len() != expected || record["payload_blake3"] != blake3::hash(&bytes).to_hex().as_str() {
-            return Err(in_file(&payload, format!("{} bytes, or others than were written", bytes.len()), &format!("{expected} bytes")));
+            return Err(in_file(
+                &payload,
+                format!("{} bytes, or others than were written", bytes.len()),
+                &format!("{expected} bytes"),
+            ));
         }
         let mut rest: &[u8] = &bytes;
         let mut take = |count: usize| {

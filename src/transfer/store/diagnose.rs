@@ -72,6 +72,7 @@ pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selecti
         _ => Selection::empty(store.layout.lattice),
     };
     tally.examine(store, &selected)?;
+    tally.check_points(store)?;
     let mut extents = extents;
     let mut held = held;
     match store.surfaces() {
@@ -80,6 +81,8 @@ pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selecti
                 let Some(surface) = tally.surface(store, isovalue)? else { continue };
                 let more = tally.readable(&surface);
                 tally.examine(&surface, &Selection::all(surface.layout.lattice))?;
+                tally.check_points(&surface)?;
+                surface.asked_damage()?.into_iter().for_each(|what| tally.add_damage(what));
                 held.surfaces.extend((!more.is_empty()).then_some(isovalue));
                 extents.extend(more);
             }
@@ -158,6 +161,19 @@ impl Tally {
             }
             found => found,
         }
+    }
+
+    /// Reads the check points of a texture or a surface.
+    fn check_points(&mut self, store: &Store) -> Result<()> {
+        let of_texture = || store.asked().map(|asked| asked.claims().iter().map(|claim| claim.isovalue).collect());
+        let named: Vec<Option<f64>> = store.isovalue().map_or_else(of_texture, |isovalue| Ok(vec![Some(isovalue)]))?;
+        for isovalue in named {
+            match store.checks(isovalue) {
+                Err(error @ (Error::Format { .. } | Error::Limit { .. })) => self.add_damage(error.to_string()),
+                checks => drop(checks?),
+            }
+        }
+        Ok(())
     }
 
     /// Reads every chunk of a texture or a surface, in all of its groups; `selected`: what should be baked.

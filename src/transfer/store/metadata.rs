@@ -4,8 +4,8 @@
 use super::backing::Backing;
 use super::chunk::ARRAYS;
 use super::identity::{FORMAT_VERSION, Identity, OLDEST_FORMAT_VERSION};
-use super::zarr::{self, Array, FORMAT, METADATA_REMEDY};
 use super::surface::SURFACES;
+use super::zarr::{self, Array, FORMAT, METADATA_REMEDY};
 use super::{joint, volume};
 use crate::error::{Error, Result};
 use crate::transfer::{Layers, Layout};
