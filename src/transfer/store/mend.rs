@@ -56,7 +56,7 @@ pub(super) fn mend(
             attributes["provenance"].take()
         }
         Err(Error::Format { .. }) => {
-            if !(options.repair || is_proven(&backing, &env, identity)?) {
+            if !(options.repair || is_proven(&backing, &node, identity)?) {
                 // A sound root of another volume says more than what is missing here.
                 refuse_other(&backing, path, &node)?;
                 return Err(unproven(&backing, path));
@@ -178,17 +178,20 @@ fn nodes_on_disk(backing: &Backing, node: &str) -> Result<Vec<(String, Value)>> 
     Ok(nodes)
 }
 
-/// Whether the record of some chunk holds the hash of the identity.
-fn is_proven(backing: &Backing, env: &str, identity: &Identity) -> Result<bool> {
+/// Whether the record of some chunk, of the texture or of a surface, holds the hash of the identity.
+fn is_proven(backing: &Backing, node: &str, identity: &Identity) -> Result<bool> {
     let Backing::Directory(root) = backing else { return Ok(false) };
-    let folder = root.path().join(env).join("rays/extent");
     let hash = identity.hash();
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    for name in entries.map(|entry| entry.file_name().to_string_lossy().into_owned()) {
-        match backing.json(&format!("{env}/rays/extent/{name}")) {
-            Ok(Some(record)) if record["of"]["store"] == json!(hash) => return Ok(true),
-            Ok(_) | Err(Error::Format { .. } | Error::Limit { .. }) => {}
-            Err(other) => return Err(other),
+    let surfaces = format!("{SURFACES}/{node}");
+    let places = backing.folders(&surfaces).into_iter().map(|name| format!("{surfaces}/{name}"));
+    for place in places.chain([format!("transfer/{node}/env")]) {
+        let entries = std::fs::read_dir(root.path().join(&place).join("rays/extent")).into_iter().flatten().flatten();
+        for name in entries.map(|entry| entry.file_name().to_string_lossy().into_owned()) {
+            match backing.json(&format!("{place}/rays/extent/{name}")) {
+                Ok(Some(record)) if record["of"]["store"] == json!(hash) => return Ok(true),
+                Ok(_) | Err(Error::Format { .. } | Error::Limit { .. }) => {}
+                Err(other) => return Err(other),
+            }
         }
     }
     Ok(false)
