@@ -53,7 +53,7 @@ const pairs = [];
 for (const [name, [input, isovalue]] of Object.entries(surfaces)) {
   for (const image of Object.keys(images)) {
     const file = join(folder, `${name}-${image}.glb`);
-    execFileSync(isolume, ["relight", input, "-q", "--isovalue", isovalue, "--env", join(folder, `${image}.hdr`), "--rays", "64",
+    execFileSync(isolume, ["relight", input, "-q", "--isovalue", isovalue, "--env", join(folder, `${image}.hdr`), "--rays", "64", "--sun-split", "off",
       "--exposure=-2", "--cache", join(folder, "cache"), "-o", file]);
     pairs.push([`${name}-${image}.glb`, `${image}.hdr`]);
   }
