@@ -132,7 +132,7 @@ plys = vtk.vtkPLYReader()
 plys.SetFileName(ply)
 plys.Update()
 rgb = arrays(plys.GetOutput().GetPointData())["RGB"].astype(float)
-linear = np.clip(radiance * exposure, 0, 1)
+linear = np.clip(shown * exposure, 0, 1)
 signal = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
 check(len(rgb) == len(signal) and np.abs(rgb - 255 * signal).max() <= 0.51, "PLY: colours of every vertex in sRGB")
 
