@@ -31,10 +31,16 @@ const names = Object.keys(attributes).filter((n) => /^_(t\d+(_[rgb])?_sh_degree_
 check(names.length === planes.length, `three.js reads ${attributes.position.count} vertices with ${names.length} transfer attributes of ${planes.length}`);
 
 const radiance = attributes._radiance.array, colour = attributes.color;
+/** As it is shown: what has a negative channel moves towards the grey of its luminance. */
+function shown([r, g, b]) {
+  const least = Math.min(r, g, b), grey = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  if (least >= 0) return [r, g, b];
+  return grey > 0 ? [r, g, b].map((v) => grey + (grey / (grey - least)) * (v - grey)) : [0, 0, 0];
+}
 let worst = 0;
 for (let v = 0; v < colour.count; v++) {
   for (let c = 0; c < 3; c++) {
-    const expected = Math.min(1, Math.max(0, radiance[3 * v + c] * extras.exposure));
+    const expected = Math.min(1, Math.max(0, shown(radiance.slice(3 * v, 3 * v + 3))[c] * extras.exposure));
     worst = Math.max(worst, Math.abs([colour.getX(v), colour.getY(v), colour.getZ(v)][c] - expected));
   }
 }
