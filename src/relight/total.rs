@@ -72,7 +72,8 @@ pub struct Scene {
 /// The light as an image: what a path sees that escapes along a direction in world, after so many reflections.
 pub type Seen<'a> = dyn Fn(Vec3, usize) -> [f32; 3] + Sync + 'a;
 
-/// Estimates the error. `scene`: of a volume alone none; `seen`: the image, where truncation is wanted.
+/// Estimates the error; `None` where there are fewer than two points, the surface is black, or points and lookups do not belong
+/// together. `scene`: of a volume alone none; `seen`: the image, where truncation is wanted.
 pub fn total_error(
     layers: &Layers,
     checks: &CheckPoints,
@@ -83,7 +84,9 @@ pub fn total_error(
 ) -> Option<TotalError> {
     let (count, n) = (checks.len().min(lookups.radiance.len()), checks.coefficients());
     let mean = lookups.mean;
-    if count < 2 || mean.is_nan() || mean <= 0.0 || lookups.errors.len() < count {
+    let groups = scene.map_or(0, |scene| 3 * layers.len() * (1 + scene.luminaires.len()));
+    let is_whole = checks.check().is_ok() && n == layers.coefficients() + groups && lookups.errors.len() >= count;
+    if count < 2 || mean.is_nan() || mean <= 0.0 || !is_whole {
         return None;
     }
     // Per point: mean squares of the error over channels, and of the error of their mean.

@@ -23,14 +23,18 @@ pub struct TriangleIndex<'a> {
 }
 
 impl TriangleOrder {
-    /// Sorts the triangles of a mesh: each lies in one cell, that of its centroid.
+    /// Sorts the triangles of a mesh: each lies in one cell, that of its centroid. Those of vertices that are not there, or have
+    /// no normal, are left out.
     pub fn new(mesh: &Mesh) -> Self {
+        let count = mesh.positions_in_grid.len().min(mesh.normals.len());
         let corners = |t: [u32; 3]| t.map(|v| Vec3::from_array(mesh.positions_in_grid[v as usize]));
         let cell = |t: &[u32; 3]| {
             let [a, b, c] = corners(*t);
             ((a + b + c) / 3.0).floor().as_ivec3().to_array()
         };
-        let mut keyed: Vec<([i32; 3], u32)> = mesh.triangles.iter().map(cell).zip(0..).collect();
+        let is_whole = |t: &[u32; 3]| t.iter().all(|&v| (v as usize) < count);
+        let whole = mesh.triangles.iter().zip(0..).filter(|(t, _)| is_whole(t));
+        let mut keyed: Vec<([i32; 3], u32)> = whole.map(|(t, number)| (cell(t), number)).collect();
         keyed.sort_unstable();
         let mut cells: HashMap<[i32; 3], (u32, u32)> = HashMap::new();
         for (place, (cell, _)) in keyed.iter().enumerate() {
@@ -41,7 +45,7 @@ impl TriangleOrder {
 }
 
 impl<'a> TriangleIndex<'a> {
-    /// The triangles of a mesh, sorted.
+    /// The triangles of a mesh, sorted: lookups panic where `sorted` is of another mesh.
     pub fn new(mesh: &'a Mesh, sorted: &'a TriangleOrder) -> Self {
         Self { mesh, sorted }
     }

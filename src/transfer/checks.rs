@@ -38,6 +38,23 @@ impl CheckPoints {
         self.halves[0].len() / self.len().max(1)
     }
 
+    /// Whether every list is as long as the points say: what was found and what is right, if not.
+    pub(crate) fn check(&self) -> Result<(), (String, String)> {
+        let (n, halves) = (self.len(), self.halves.each_ref().map(Vec::len));
+        let numbers = self.coefficients() * n;
+        let lengths = [
+            ("normals", self.normals.len(), n),
+            ("isovalues", self.isovalues.len(), n),
+            ("numbers in the first half", halves[0], numbers),
+            ("numbers in the second half", halves[1], numbers),
+            ("escapes", self.escapes.len(), n * self.paths as usize),
+        ];
+        match lengths.into_iter().find(|(_, found, expected)| found != expected) {
+            Some((what, found, expected)) => Err((format!("{found} {what}"), format!("{expected} of {n} points"))),
+            None => Ok(()),
+        }
+    }
+
     /// Those of some points alone, in this order; points that are not there are left out.
     #[must_use]
     pub fn of(&self, points: &[usize]) -> Self {

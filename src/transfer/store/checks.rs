@@ -9,6 +9,7 @@ use super::metadata::{sealed, unsealed};
 use super::surface::node_of;
 use super::zarr::FORMAT;
 use crate::error::{Error, Result};
+use crate::transfer::Group;
 use crate::transfer::checks::CheckPoints;
 use serde_json::json;
 
@@ -24,8 +25,15 @@ impl Store {
     /// Keeps check points of an isovalue of the texture or surface, or of all isovalues; they replace those before.
     ///
     /// # Errors
-    /// When the store is an archive or the system refuses.
+    /// When the lists of the points do not belong together or their vectors are not those of the store's groups; when the store
+    /// is an archive or the system refuses.
     pub fn write_checks(&self, isovalue: Option<f64>, checks: &CheckPoints) -> Result<()> {
+        let expected = self.numbers_of_groups()?;
+        let fits = match checks.coefficients() {
+            n if n == expected || checks.is_empty() => checks.check(),
+            n => Err((format!("{n} numbers a point"), format!("{expected}, those of the store's groups"))),
+        };
+        fits.map_err(|(found, expected)| Error::argument("check points", found, expected, "make them of one bake"))?;
         let mut bytes: Vec<u8> = Vec::new();
         bytes.extend_from_slice(bytemuck::cast_slice(&checks.positions_in_grid));
         bytes.extend_from_slice(bytemuck::cast_slice(&checks.normals));
@@ -41,6 +49,12 @@ impl Store {
         let key = self.checks_key(isovalue);
         self.backing.put(&format!("{key}.bin"), self.sync, &bytes)?;
         self.backing.put(&format!("{key}.json"), self.sync, format!("{:#}\n", sealed(record)).as_bytes())
+    }
+
+    /// Numbers of a transfer vector in all groups.
+    fn numbers_of_groups(&self) -> Result<usize> {
+        let of_group = |group: &Group| Ok(group.layout(&self.layout)?.layers.coefficients());
+        self.identity.groups().iter().map(of_group).sum()
     }
 
     /// The check points of an isovalue of the texture or surface, or of all isovalues; `None` if there are none.
@@ -64,6 +78,11 @@ impl Store {
             || record["mesh"] != json!(self.surface.as_ref().map(|mark| mark.mesh.clone()))
         {
             return Err(in_file(&header, "check points of another store".into(), "those of this one"));
+        }
+        let of_groups = self.numbers_of_groups()?;
+        if points > 0 && coefficients != of_groups {
+            let expected = format!("{of_groups}, those of the groups");
+            return Err(in_file(&header, format!("{coefficients} numbers a point"), &expected));
         }
         let Some(bytes) = self.backing.bytes(&payload)? else {
             return Err(in_file(&payload, "no such file".into(), "the numbers of the check points"));

@@ -61,6 +61,21 @@ fn hash_of_mesh(mesh: &Mesh) -> String {
     hash.finalize().to_hex().to_string()
 }
 
+/// Refuses a mesh that none of its readers could take: what it found and what is right.
+fn check_mesh(mesh: &Mesh) -> std::result::Result<(), (String, String)> {
+    let count = mesh.positions_in_grid.len();
+    if mesh.normals.len() != count {
+        return Err((format!("{} normals", mesh.normals.len()), format!("{count}, one a vertex")));
+    }
+    if let Some(wrong) = mesh.positions_in_grid.iter().chain(&mesh.normals).find(|v| v.iter().any(|x| !x.is_finite())) {
+        return Err((format!("{wrong:?}"), "finite positions and normals".into()));
+    }
+    match mesh.triangles.iter().find(|t| t.iter().any(|&v| v as usize >= count)) {
+        Some(wrong) => Err((format!("a triangle of the vertices {wrong:?}"), format!("numbers below {count}"))),
+        None => Ok(()),
+    }
+}
+
 /// An array of the mesh.
 fn array(name: &str, rows: usize) -> Array {
     let (data_type, fill) = if name == TRIANGLES { ("uint32", json!(0)) } else { ("float32", json!(0.0)) };
@@ -266,6 +281,11 @@ impl Store {
             let (found, expected) = (format!("a mesh with BLAKE3 {found}"), format!("BLAKE3 {}", mark.mesh));
             return Err(Error::format(FORMAT, found, expected, remedy).in_file(self.backing.name(&self.env)));
         }
+        // A hash only says that it is what was written.
+        check_mesh(&mesh).map_err(|(found, expected)| {
+            let remedy = "run the bake that made the store again: it makes the mesh anew from the volume";
+            Error::format(FORMAT, found, expected, remedy).in_file(self.backing.name(&self.env))
+        })?;
         Ok(Some(mesh))
     }
 
@@ -274,9 +294,25 @@ impl Store {
     /// written anew.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] when the surface that is there has another mesh; when the store is an archive, or the system
-    /// refuses.
+    /// [`Error::Mismatch`] when the surface that is there has another mesh; when the isovalue is not finite or the mesh has other
+    /// than one normal a vertex, numbers that are not finite, or triangles of vertices that are not there; when the store is a
+    /// surface itself or an archive, or the system refuses.
     pub fn open_or_add_surface(&self, isovalue: f64, mesh: &Mesh, world_from_grid: &Affine) -> Result<Self> {
+        if !isovalue.is_finite() {
+            return Err(Error::argument(
+                "isovalue",
+                isovalue,
+                "a finite number",
+                "give one in the range of the volume",
+            ));
+        }
+        if self.surface.is_some() || self.group != Group::Environment {
+            let expected = "the store of a volume";
+            return Err(Error::argument("store", "a surface or a group of a store", expected, "take the store itself"));
+        }
+        check_mesh(mesh).map_err(|(found, expected)| {
+            Error::argument("mesh", found, expected, "extract it with surface::isosurface")
+        })?;
         let root = self.directory()?.path().to_owned();
         let place = format!("{}/{}", self.surfaces_key(), node_of(isovalue));
         let (vertices, triangles) = (mesh.positions_in_grid.len(), mesh.triangles.len());

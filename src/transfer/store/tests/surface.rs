@@ -96,6 +96,43 @@ fn another_mesh_and_damage_are_refused_and_mended_by_the_same_mesh() {
 }
 
 #[test]
+fn a_mesh_that_nobody_could_read_is_refused_by_name() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, store, surface) = with_surface(directory.path());
+    let before = files(&path);
+    let refused = |isovalue: f64, mesh: &Mesh, word: &str| {
+        let message = store.open_or_add_surface(isovalue, mesh, volume().world_from_grid()).unwrap_err().to_string();
+        assert!(message.contains(word), "{message}");
+    };
+    let good = mesh(8);
+    refused(f64::NAN, &good, "isovalue");
+    refused(0.5, &Mesh { normals: vec![[0.0; 3]; 7], ..good.clone() }, "7 normals");
+    refused(0.5, &Mesh { triangles: vec![[0, 1, 8]], ..good.clone() }, "[0, 1, 8]");
+    let mut broken = good.clone();
+    broken.positions_in_grid[3][1] = f32::INFINITY;
+    refused(0.5, &broken, "finite");
+    assert!(surface.open_or_add_surface(0.5, &good, volume().world_from_grid()).is_err());
+    // Check points of other numbers, or with lists that do not belong together.
+    let checks = CheckPoints {
+        positions_in_grid: vec![[1.0; 3]; 2],
+        normals: vec![[0.0, 0.0, 1.0]; 2],
+        isovalues: vec![-0.25; 2],
+        halves: [vec![0.5; 10], vec![0.5; 10]],
+        ..CheckPoints::default()
+    };
+    for (wrong, word) in [
+        (CheckPoints { halves: [vec![0.5; 8], vec![0.5; 8]], ..checks.clone() }, "4 numbers a point"),
+        (CheckPoints { halves: [vec![0.5; 10], vec![0.5; 9]], ..checks.clone() }, "second half"),
+        (CheckPoints { isovalues: Vec::new(), ..checks.clone() }, "0 isovalues"),
+        (CheckPoints { paths: 3, ..checks.clone() }, "0 escapes"),
+    ] {
+        let message = surface.write_checks(Some(-0.25), &wrong).unwrap_err().to_string();
+        assert!(message.contains(word), "{message}");
+    }
+    assert!(files(&path) == before);
+}
+
+#[test]
 fn surfaces_are_merged_with_their_check_points() {
     let directory = tempfile::tempdir().unwrap();
     let (_, _, surface) = with_surface(directory.path());
