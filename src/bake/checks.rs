@@ -8,7 +8,7 @@ use crate::surface::Mesh;
 use crate::transfer::checks::{CheckPoints, NO_ESCAPE, escape};
 use crate::transfer::{Lattice, Layout, Selection};
 use crate::transport::{
-    Bake, PathEnd, ReplayedPath, Settings, SurfacePoints, estimates, points_in_cells, replay_texel,
+    Bake, PathEnd, ReplayedPath, Settings, SurfacePoints, estimates, points_in_cells, replay_paths,
 };
 use crate::volume::{Volume, with_samples};
 use glam::Vec3;
@@ -91,14 +91,14 @@ impl Request<'_> {
         let bake = Bake::new(self.volume, pyramid, &layout, &settings, &selection);
         let bake = Bake { points: Some(points), ..bake };
         let escapes_of = |&i: &usize| -> Result<Vec<u32>> {
-            let Some(found) = replay_texel(&bake, [i, 0, 0])? else { return Ok(vec![NO_ESCAPE; PATHS as usize]) };
+            let Some((_, paths)) = replay_paths(&bake, [i, 0, 0])? else { return Ok(vec![NO_ESCAPE; PATHS as usize]) };
             let code = |path: &ReplayedPath| match path.ended {
                 PathEnd::Escaped => {
                     escape(Vec3::from_array(path.last_direction_in_world), path.vertices_in_grid.len() - 1)
                 }
                 _ => NO_ESCAPE,
             };
-            Ok(found.paths.iter().map(code).collect())
+            Ok(paths.iter().map(code).collect())
         };
         let escapes: Vec<Vec<u32>> = match is_alone {
             true => kept.par_iter().map(escapes_of).collect::<Vec<_>>().into_iter().collect::<Result<_>>()?,

@@ -12,6 +12,8 @@ use serde::Serialize;
 pub struct Report {
     /// Totals over the texels that were computed.
     pub summary: Summary,
+    /// Whether texels are the vertices of isosurfaces.
+    pub at_vertices: bool,
     /// Chunks written.
     pub chunks_baked: usize,
     /// Chunks that had all that was asked.

@@ -55,6 +55,7 @@ pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observe
         report.mended = store.mended().len();
         report.prepare_seconds = observer.seconds();
         report.goal = GoalRecord::of(&job.goal);
+        report.at_vertices = job.surfaces;
         match job.surfaces() {
             None => {
                 fill(job, &pyramid, &store, observer, &mut report)?;

@@ -60,6 +60,29 @@ impl std::ops::AddAssign for LookupReport {
 /// Vertices looked up by one task.
 const TASK: usize = 4096;
 
+/// Radiance at `count` positions by their numbers, on all threads; what each lookup reports is summed in their order.
+pub(super) fn each_position(
+    count: usize,
+    radiance_at: impl Fn(usize, &mut LookupReport) -> [f32; 3] + Sync,
+) -> VertexRadiance {
+    let mut radiance = vec![[0.0; 3]; count];
+    let reports: Vec<LookupReport> = radiance
+        .par_chunks_mut(TASK)
+        .enumerate()
+        .with_max_len(1)
+        .map(|(task, out)| {
+            let mut report = LookupReport::default();
+            for (i, out) in out.iter_mut().enumerate() {
+                *out = radiance_at(task * TASK + i, &mut report);
+            }
+            report
+        })
+        .collect();
+    let mut report = LookupReport::default();
+    reports.into_iter().for_each(|r| report += r);
+    VertexRadiance { radiance, report }
+}
+
 /// Eight texels and a position between them.
 pub(super) struct Cell {
     base: [usize; 3],
@@ -118,22 +141,9 @@ impl Contracted {
         material: &Material,
     ) -> VertexRadiance {
         assert_eq!(positions_in_grid.len(), normals_in_world.len());
-        let mut radiance = vec![[0.0; 3]; positions_in_grid.len()];
-        let reports: Vec<LookupReport> = radiance
-            .par_chunks_mut(TASK)
-            .zip(positions_in_grid.par_chunks(TASK).zip(normals_in_world.par_chunks(TASK)))
-            .with_max_len(1)
-            .map(|(out, (positions, normals))| {
-                let mut report = LookupReport::default();
-                for i in 0..out.len() {
-                    out[i] = self.radiance_at(positions[i], normals[i], light, material, &mut report);
-                }
-                report
-            })
-            .collect();
-        let mut report = LookupReport::default();
-        reports.into_iter().for_each(|r| report += r);
-        VertexRadiance { radiance, report }
+        each_position(positions_in_grid.len(), |i, report| {
+            self.radiance_at(positions_in_grid[i], normals_in_world[i], light, material, report)
+        })
     }
 
     /// Radiance at one grid position.
@@ -171,8 +181,7 @@ impl Contracted {
             return mean;
         }
         report.unoccluded += 1;
-        let open = light.unoccluded(normal_in_world);
-        std::array::from_fn(|c| material.albedo[c] * open[c] + material.emission[c])
+        material.unoccluded(light, normal_in_world)
     }
 
     /// Standard errors of the mean of the channels at many positions.

@@ -74,6 +74,12 @@ impl Material {
         Ok(Self { albedo, emission })
     }
 
+    /// Radiance of a surface that nothing hides from the light, as it is where no transfer is found.
+    pub(crate) fn unoccluded(&self, light: &Light, normal_in_world: [f32; 3]) -> [f32; 3] {
+        let open = light.unoccluded(normal_in_world);
+        std::array::from_fn(|c| self.albedo[c] * open[c] + self.emission[c])
+    }
+
     /// Exitant radiance per visible cosine under a distant light of the given flux (radiance times solid
     /// angle): ρ/π · flux.
     pub fn sun_factor(&self, flux: [f64; 3]) -> [f32; 3] {

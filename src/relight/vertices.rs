@@ -2,11 +2,11 @@
 //! barycentric mean in the triangle.
 
 use super::contract::{UNBAKED, has_radiance};
+use super::lookup::each_position;
 use super::{Contracted, Light, LookupReport, Material, VertexRadiance};
 use crate::surface::Mesh;
 use crate::transfer::BRICK_TEXELS;
 use glam::Vec3;
-use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// The numbers of the triangles of a mesh by the cells of the grid that hold them.
@@ -93,9 +93,6 @@ fn barycentric([a, b, c]: [Vec3; 3], p: Vec3) -> [f32; 3] {
     if sum > 0.0 { clamped.map(|x| x / sum) } else { [1.0, 0.0, 0.0] }
 }
 
-/// Vertices that one task looks up.
-const TASK: usize = 4096;
-
 impl Contracted {
     /// Radiance of a vertex and the standard error of the mean of its channels, as [`Contracted::texel`] of texels.
     fn vertex(&self, vertex: usize) -> [f32; 4] {
@@ -121,29 +118,14 @@ impl Contracted {
         }
         report.unbaked += u64::from(stderr == UNBAKED);
         report.unoccluded += 1;
-        let open = light.unoccluded(normal);
-        std::array::from_fn(|c| material.albedo[c] * open[c] + material.emission[c])
+        material.unoccluded(light, normal)
     }
 
     /// Radiance at the vertices of a surface that it was contracted of, which have these normals.
     pub fn at_vertices(&self, normals_in_world: &[[f32; 3]], light: &Light, material: &Material) -> VertexRadiance {
-        let mut radiance = vec![[0.0; 3]; normals_in_world.len()];
-        let reports: Vec<LookupReport> = radiance
-            .par_chunks_mut(TASK)
-            .enumerate()
-            .with_max_len(1)
-            .map(|(task, out)| {
-                let mut report = LookupReport::default();
-                for (i, out) in out.iter_mut().enumerate() {
-                    let vertex = task * TASK + i;
-                    *out = self.vertex_radiance(vertex, normals_in_world[vertex], light, material, &mut report);
-                }
-                report
-            })
-            .collect();
-        let mut report = LookupReport::default();
-        reports.into_iter().for_each(|r| report += r);
-        VertexRadiance { radiance, report }
+        each_position(normals_in_world.len(), |vertex, report| {
+            self.vertex_radiance(vertex, normals_in_world[vertex], light, material, report)
+        })
     }
 
     /// Standard errors of the mean of the channels at `count` vertices; where one has no radiance, the root mean square over
@@ -167,8 +149,7 @@ impl Contracted {
         let mut corners = LookupReport::default();
         let Some((triangle, weights)) = index.nearest(position_in_grid) else {
             report.unoccluded += 1;
-            let open = light.unoccluded(normal_in_world);
-            return std::array::from_fn(|c| material.albedo[c] * open[c] + material.emission[c]);
+            return material.unoccluded(light, normal_in_world);
         };
         let mut sum = [0.0; 3];
         for (v, w) in triangle.map(|v| v as usize).into_iter().zip(weights) {

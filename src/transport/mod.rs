@@ -40,7 +40,7 @@ pub use photon::{
     Density, Irradiance, IsovalueChoice, Isovalues, PhotonBake, PhotonEnergy, PhotonLight, PhotonLightSettings,
     PhotonMap, PhotonSearch, PhotonSettings, photon_bake, photon_bake_from, photon_bake_map, photon_direct,
 };
-pub use replay::{On, PathEnd, ReplayedPath, ReplayedTexel, replay, replay_texel};
+pub use replay::{On, PathEnd, ReplayedPath, ReplayedTexel, replay, replay_paths, replay_texel};
 pub use scene_path::{
     LevelSite, MOST_SPECULAR, MOST_TURNS, PowerBalance, SceneCounts, SceneReference, needs_photons, scene_radiance,
     site_radiance, trace_photons,

@@ -102,6 +102,16 @@ pub struct ReplayedTexel {
 /// # Errors
 /// As [`super::bake()`]; a texel outside the texture.
 pub fn replay_texel(bake: &Bake<'_>, texel: [usize; 3]) -> Result<Option<ReplayedTexel>> {
+    let Some((site, paths)) = replay_paths(bake, texel)? else { return Ok(None) };
+    let estimates = estimates(bake, &[(texel, bake.settings.rays)])?.swap_remove(0).unwrap_or_default();
+    Ok(Some(ReplayedTexel { site, estimates, paths }))
+}
+
+/// The paths of one texel alone, without its estimates, and its point on its level set; `None` where it has none.
+///
+/// # Errors
+/// As [`replay_texel`].
+pub fn replay_paths(bake: &Bake<'_>, texel: [usize; 3]) -> Result<Option<(Site, Vec<ReplayedPath>)>> {
     bake.check()?;
     let m = bake.layout.lattice.texels();
     if (0..3).any(|a| texel[a] >= m[a]) {
@@ -109,7 +119,6 @@ pub fn replay_texel(bake: &Bake<'_>, texel: [usize; 3]) -> Result<Option<Replaye
         let given = format!("{},{},{}", texel[0], texel[1], texel[2]);
         return Err(Error::argument("texel", given, expected, "the texture is smaller"));
     }
-    let estimates = estimates(bake, &[(texel, bake.settings.rays)])?.swap_remove(0).unwrap_or_default();
     let item = (grid3::index([m[0], m[1]], texel)) as u64;
     with_samples!(bake.volume.samples(), s => {
         let field = LevelField::new(bake.volume, s, bake.pyramid);
@@ -122,7 +131,7 @@ pub fn replay_texel(bake: &Bake<'_>, texel: [usize; 3]) -> Result<Option<Replaye
             None => replay(&field, &site, item, bake.settings),
             Some(geometry) => Among::new(bake, &field, geometry)?.replay(&site, item),
         };
-        Ok(Some(ReplayedTexel { site, estimates, paths }))
+        Ok(Some((site, paths)))
     })
 }
 

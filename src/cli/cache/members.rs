@@ -19,7 +19,7 @@ pub(in crate::cli) struct MemberBakes<'a> {
     pub(in crate::cli) transfer: &'a TransferArgs,
     pub(in crate::cli) file: Option<&'a SceneFile>,
     pub(in crate::cli) seed: u64,
-    /// The lights that errors are measured by.
+    /// The lights that errors are measured by; white light, if there is none.
     pub(in crate::cli) lights: Vec<ForLight>,
     /// When the command began.
     pub(in crate::cli) start: Instant,
@@ -38,6 +38,11 @@ impl<'a> MemberBakes<'a> {
         console: &'a Console,
     ) -> Self {
         Self { cache, transfer, file, seed, lights: Vec::new(), start, console, path: None }
+    }
+
+    /// Bands of the layers, as the scene has them.
+    pub(in crate::cli) fn bands(&self) -> Vec<u8> {
+        self.file.and_then(scene::bands).unwrap_or(vec![5])
     }
 
     /// The store, once the first volume was baked.
@@ -59,7 +64,7 @@ impl<'a> MemberBakes<'a> {
         let volume = &*member.volume;
         volume.check_cells()?;
         volume.notes.iter().for_each(|note| self.console.note(&note.text));
-        let (bands, effects) = (self.file.and_then(scene::bands).unwrap_or(vec![5]), self.transfer.effects());
+        let (bands, effects) = (self.bands(), self.transfer.effects());
         let of_member = (volume, member.label.as_str(), member.geometry.as_ref());
         let job = baking::request_of_cache(
             of_member,

@@ -273,7 +273,7 @@ impl Relight {
         start: Instant,
         console: &Console,
     ) -> Outcome<Relit> {
-        let baked = joint::bake(self, scene, seed, start, console)?;
+        let baked = joint::bake(self, scene, probes, (seed, start), console)?;
         let done = self.light_members(&baked.store, baked.geometry.as_ref(), baked.rays, probes, start, console)?;
         baked.cache.tidy(console);
         drop(baked.in_use);

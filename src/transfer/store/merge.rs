@@ -139,10 +139,14 @@ impl Store {
             report.taken += usize::from(changed);
             report.kept += usize::from(!changed);
         }
-        for isovalue in other.surfaces()? {
+        let surfaces = other.surfaces()?;
+        if surfaces.is_empty() {
+            return Ok(report);
+        }
+        let world_from_grid = *self.volume()?.world_from_grid();
+        for isovalue in surfaces {
             let Some(theirs) = other.surface(isovalue)? else { continue };
             let Some(mesh) = theirs.mesh()? else { continue };
-            let world_from_grid = *self.volume()?.world_from_grid();
             let more = self.open_or_add_surface(isovalue, &mesh, &world_from_grid)?.take_from(&theirs)?;
             report.taken += more.taken;
             report.kept += more.kept;
