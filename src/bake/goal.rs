@@ -280,10 +280,9 @@ impl Request<'_> {
         let record = json!({ "asked": asked, "error": shortest(error) });
         store.write_record("allocation", &record)?;
         observer.note(&format!(
-            "{} s allow a standard error of {error} (1 = an unoccluded texel, or the mean radiance); the same store comes \
-             from --error {error} --rays {}",
-            seconds,
-            self.settings.rays
+            "{} s allow a standard error of {error} (RMS of the radiance, over its mean); the same store comes from \
+             --error {error} --rays {}",
+            seconds, self.settings.rays
         ));
         Ok(error)
     }

@@ -10,16 +10,26 @@ use std::time::Duration;
 /// Share of paths cut among mirrors and glass from which on the user is warned.
 const MOST_CUT: f64 = 1e-3;
 
+/// Error over that aimed at from which on a goal counts as missed: the pilot that chooses where each stops sees a few thousand.
+const MISSED: f64 = 1.1;
+
 /// What a finished bake tells of itself.
 pub(super) trait Told {
     /// In a line.
     fn summary_line(&self, store_bytes: u64) -> String;
     /// As lines for people.
     fn lines(&self, store_bytes: u64) -> String;
+    /// By how much the error that was aimed at is missed, where paths did not suffice.
+    fn missed_goal(&self) -> Option<String>;
     /// What of the light is missing because paths were cut among mirrors and glass, where it is more than a trifle.
     fn cut_paths(&self) -> Option<String>;
     /// For machines.
     fn json(&self, store_bytes: u64) -> Value;
+}
+
+/// What was computed, in a word.
+fn noun(report: &Report) -> &'static str {
+    if report.at_vertices { "vertices" } else { "texels" }
 }
 
 impl Told for Report {
@@ -31,8 +41,9 @@ impl Told for Report {
         let noise = s.escape_stderr_rms();
         let noise = if noise > 0.0 { format!("; noise {} RMS", text::number(noise, 2)) } else { String::new() };
         format!(
-            "{} texels, {}rays in {}, {}{noise}",
+            "{} {}, {}rays in {}, {}{noise}",
             text::count(s.texels),
+            noun(self),
             text::metric(s.counts.rays as f64),
             seconds(self.trace_seconds),
             text::bytes(store_bytes as f64),
@@ -53,7 +64,7 @@ impl Told for Report {
         let clamped = s.clamped as f64 / s.valid.max(1) as f64;
         let rows = [
             (
-                "texels",
+                noun(self),
                 format!(
                     "{} asked, {} valid ({}), {} clamped ({})",
                     text::count(s.texels),
@@ -66,7 +77,7 @@ impl Told for Report {
             (
                 "rays",
                 format!(
-                    "{} in {}, {}; {} paths a texel",
+                    "{} in {}, {}; {} paths each",
                     text::metric(s.counts.rays as f64).trim_end(),
                     seconds(self.trace_seconds),
                     text::rate(s.counts.rays as f64, duration(self.trace_seconds)),
@@ -88,8 +99,9 @@ impl Told for Report {
             (
                 "noise",
                 format!(
-                    "standard error of {}: 50 % of texels ≤ {:.4}, 95 % ≤ {:.4}, all ≤ {:.4}; RMS of Σ a_k {:.4}",
+                    "standard error of {}: 50 % of the {} ≤ {:.4}, 95 % ≤ {:.4}, all ≤ {:.4}; RMS of Σ a_k {:.4}",
                     of_text(self.target.as_ref()),
+                    noun(self),
                     s.errors.quantile(0.5),
                     s.errors.quantile(0.95),
                     s.errors.quantile(1.0),
@@ -129,6 +141,19 @@ impl Told for Report {
         text::table(&rows)
     }
 
+    fn missed_goal(&self) -> Option<String> {
+        let (target, reached) = (self.target.as_ref()?, self.summary.errors.rms());
+        (reached > MISSED * target.error).then(|| {
+            format!(
+                "the goal of {} is missed: {} with at most {} paths each; more come from --error {} --rays N",
+                text::percent(target.error),
+                text::percent(reached),
+                text::count(u64::from(self.rays)),
+                target.error
+            )
+        })
+    }
+
     fn cut_paths(&self) -> Option<String> {
         let counts = &self.summary.scene;
         let share = (counts.lost_specular + counts.lost_turns) as f64 / self.summary.paths.max(1) as f64;
@@ -146,6 +171,7 @@ impl Told for Report {
     fn json(&self, store_bytes: u64) -> Value {
         let s = &self.summary;
         json!({
+            "at_vertices": self.at_vertices,
             "texels": { "asked": s.texels, "valid": s.valid, "clamped": s.clamped, "degenerate": s.degenerate },
             "rays": s.counts.rays,
             "effects": effects_json(self),

@@ -89,7 +89,7 @@ pub(super) fn fill(request: &Request<'_>, path: &Path, start: Instant, console: 
     let limit = request.memory_limit.unwrap_or_else(options::default_memory_limit);
     let request = Request { memory_limit: Some(limit), ..request.clone() };
     let (store, report) = bake::run(&request, path, &Watcher { console, start, guard: Mutex::new(None) })?;
-    report.cut_paths().iter().for_each(|warning| console.note(warning));
+    report.cut_paths().iter().chain(&report.missed_goal()).for_each(|warning| console.note(warning));
     Ok((store, report))
 }
 

@@ -78,6 +78,18 @@ impl ErrorHistogram {
         }
     }
 
+    /// Root mean square of the errors, to 1/64 of an octave; 0 when empty.
+    pub fn rms(&self) -> f64 {
+        let total: u64 = self.bins.iter().sum();
+        // The middle of a bin; the first holds what is below 2^-24.
+        let middle = |bin: usize| {
+            let edge = |bin: usize| f64::from(f32::from_bits((bin as u32 + LOWEST_BIN) << (23 - MANTISSA)));
+            if bin == 0 { 0.0 } else { 0.5 * (edge(bin) + edge(bin + 1)) }
+        };
+        let sum: f64 = self.bins.iter().enumerate().map(|(bin, &n)| n as f64 * middle(bin).powi(2)).sum();
+        (sum / total.max(1) as f64).sqrt()
+    }
+
     /// The error that a share `q` of the counts does not exceed, rounded up by at most 1/32; 0 when empty
     /// or below 2^-24.
     pub fn quantile(&self, q: f64) -> f64 {
@@ -207,5 +219,20 @@ impl Summary {
     /// Root mean square over the valid texels of the standard error of Σ_k a_k.
     pub fn escape_stderr_rms(&self) -> f64 {
         (self.escape_variance / self.valid.max(1) as f64).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_root_mean_square_of_a_histogram_is_that_of_its_errors() {
+        let mut errors = ErrorHistogram::default();
+        assert_eq!(errors.rms(), 0.0);
+        [0.01, 0.01, 0.01, 0.03, 0.0].into_iter().for_each(|e| errors.add(e));
+        // Bins are 1/32 of an octave wide: their middles are off by at most 1.1 %.
+        let expected = ((3.0 * 0.01f64.powi(2) + 0.03f64.powi(2)) / 5.0).sqrt();
+        assert!((errors.rms() / expected - 1.0).abs() < 0.011, "{} {expected}", errors.rms());
     }
 }
