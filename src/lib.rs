@@ -88,16 +88,17 @@
 //! | `staging` | files and directories that appear whole, what killed processes leave | what is in them |
 //! | [`grid3`] | places in a grid of three axes and their linear index | everything else |
 //! | [`geom`] | directions, normals as covectors, frames, boxes, affine maps | everything else |
+//! | [`srgb`] | the transfer function of sRGB, both ways | everything else |
 //! | [`sampling`] | numbers by their index, Owen-Sobol points, warps in threes, statistics, `DirectionalSource` | volumes, SH, threads, the clock |
 //! | [`sh`] | basis, coefficients, projection, rotation, windows | colour, images, volumes |
+//! | [`probe`] | environment images, skies, projection, orientation | volumes, transfer |
 //! | [`volume`] | samples and grid, readers from `impl Read`, analytic fields | light, rays |
 //! | [`level`] | rays with an isovalue for life, the min/max pyramid, roots in a cell, B-spline normals | light, SH, random numbers |
 //! | [`surface`] | extraction of watertight meshes | light, SH, transfer |
-//! | [`scene`] | descriptions in TOML, walls and luminaires ([`scene::geometry`]), materials over the isovalue, the encoding of colours, the plan of effects | solvers' insides |
+//! | [`scene`] | descriptions in TOML, walls and luminaires ([`scene::geometry`]), materials over the isovalue, environments as luminaires, the plan of effects | solvers' insides |
 //! | [`transfer`] | lattice, layers, bricks, selections, the store on disk | how transfer was computed; probes |
 //! | [`transport`] | the estimators, error bars, the parallel loop, paths and photons as references of one surface | probes, meshes, files |
 //! | [`mod@bake`] | requests, goals, what is pending or damaged, the bake into a store | probes, relighting, the clock |
-//! | [`probe`] | environment images, skies, projection, orientation | volumes, transfer |
 //! | [`relight`] | the runtime: contraction, lookup, albedo, emission, exposure | rays, solvers, files |
 //! | [`render`] | camera rays for previews, what pixels see | solvers |
 //! | [`mod@compare`] | the store against paths and photons on the same surface, the budget of its errors | files |
@@ -132,9 +133,12 @@ pub mod grid3;
 #[doc(hidden)]
 pub mod geom;
 #[doc(hidden)]
+pub mod srgb;
+#[doc(hidden)]
 pub mod sampling;
 #[doc(hidden)]
 pub mod sh;
+pub mod probe;
 pub mod volume;
 #[doc(hidden)]
 pub mod level;
@@ -146,7 +150,6 @@ pub mod transfer;
 #[doc(hidden)]
 pub mod transport;
 pub mod bake;
-pub mod probe;
 #[doc(hidden)]
 pub mod relight;
 #[doc(hidden)]

@@ -59,9 +59,13 @@ impl SceneSubject {
                 };
                 let scene = SceneDescription::parse(&text, file)?;
                 let none = |name: &str| Err(Error::argument("file", name, "no file", "none is named"));
-                let geometry = scene
-                    .surroundings
-                    .assemble(&scene, 1.0, &mut |n, _| none(n), &mut |n, _| none(n).map(|_| Default::default()))?;
+                let geometry = scene.surroundings.assemble(
+                    &scene,
+                    1.0,
+                    &mut |n, _| none(n),
+                    &mut |n, _| none(n).map(|_| Default::default()),
+                    &mut |n, _| none(n).map(|_| unreachable!("nothing is opened")),
+                )?;
                 (analytic("bumpbox:33")?, geometry)
             }
         };

@@ -8,7 +8,7 @@ use isolume::level::Pyramid;
 use isolume::probe::{Orientation, by_name};
 use isolume::sampling::hash::uniform;
 use isolume::transport::{
-    PhotonLight, PhotonLightSettings, PhotonMap, PhotonSearch, PhotonSettings, SurfacePoint, photon_direct,
+    PhotonLight, PhotonLightSettings, PhotonMap, PhotonScene, PhotonSearch, PhotonSettings, SurfacePoint, photon_direct,
 };
 use isolume::volume::field;
 use std::time::Instant;
@@ -33,9 +33,11 @@ fn main() {
     let before = status("VmRSS:");
     let probe = by_name("courtyard").expect("a probe").expect("a probe");
     let light = probe.source(Orientation::new(volume.up, 0.0).expect("up"));
-    let settings = PhotonSettings { photons, first_bounce, memory_limit: 16 << 30, ..PhotonSettings::default() };
+    let how = if first_bounce == 0 { PhotonLight::All } else { PhotonLight::Indirect };
+    let settings = PhotonSettings { photons, kept: how.kept(), memory_limit: 16 << 30, ..PhotonSettings::default() };
+    let scene = PhotonScene::alone(&volume, &pyramid, &light);
     let start = Instant::now();
-    let map = PhotonMap::new(&volume, &pyramid, &light, &settings).expect("a map");
+    let map = PhotonMap::new(&scene, &settings).expect("a map");
     let seconds = start.elapsed().as_secs_f64();
     let (after, peak) = (status("VmRSS:"), status("VmHWM:"));
     let mesh = isolume::surface::extract(&volume, isovalue).expect("a surface");
@@ -44,11 +46,10 @@ fn main() {
         .map(|i| (f64::from(uniform(1, u64::from(i), 0, 0)) * n as f64) as usize)
         .map(|v| SurfacePoint { position_in_grid: mesh.positions_in_grid[v], normal: mesh.normals[v] })
         .collect();
-    let how = if first_bounce == 0 { PhotonLight::All } else { PhotonLight::Indirect };
     let search = PhotonSearch { neighbours, ..PhotonSearch::default() };
-    let reading = PhotonLightSettings { light: how, rays: 4, search, seed: 1 };
+    let reading = PhotonLightSettings { light: how, rays: 4, search, caustics: PhotonSearch::of_caustics(), seed: 1 };
     let start = Instant::now();
-    let (found, _) = photon_direct(&volume, &pyramid, isovalue, &points, &light, &map, &reading).expect("light");
+    let (found, _) = photon_direct(&scene, isovalue, &points, &map, &reading).expect("light");
     let query = start.elapsed().as_secs_f64() / f64::from(queries) * 1e6;
     let mean = found.iter().map(|r| r.mean[1]).sum::<f64>() / found.len() as f64;
     println!(

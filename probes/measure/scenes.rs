@@ -42,9 +42,13 @@ fn boxes(folder: &Path, size: usize, paths: u32) -> isolume::Result<()> {
     let scene = SceneDescription::parse(&text, "box.toml")?;
     let volume = field::by_name(&scene.volume.value)?.expect("a field").sample()?;
     let none = |name: &str| Err(isolume::Error::argument("file", name, "no file", "none is named"));
-    let geometry = scene
-        .surroundings
-        .assemble(&scene, 1.0, &mut |n, _| none(n), &mut |n, _| none(n).map(|_| Default::default()))?;
+    let geometry = scene.surroundings.assemble(
+        &scene,
+        1.0,
+        &mut |n, _| none(n),
+        &mut |n, _| none(n).map(|_| Default::default()),
+        &mut |n, _| none(n).map(|_| unreachable!("nothing is opened")),
+    )?;
     let pyramid = Pyramid::new(&volume);
     let camera = Camera::framing(
         &volume.world_bounds(),

@@ -14,7 +14,7 @@ use std::path::Path;
 const RAYS: u32 = 64;
 const MOST_RAYS: u32 = 4096;
 
-/// A bake of all volumes of a scene: of all isovalues, 4 layers of 5 bands, as many texels as samples, as many rays as
+/// A bake of all volumes of a scene: of all isovalues, 4 layers of 8, 5, 4 and 3 bands, as many texels as samples, as many rays as
 /// [`Goal::usual`] needs, unless told otherwise. Named isovalues are baked at the vertices of their isosurfaces. The same bake into the same store goes on where it stopped, and ends with the same bytes.
 ///
 /// ```
@@ -37,7 +37,7 @@ pub struct Bake<'a> {
     isovalues: Option<Vec<f64>>,
     texture: Option<f64>,
     layers: usize,
-    bands: usize,
+    bands: Option<usize>,
     rays: Option<u32>,
     seed: u64,
     positive: bool,
@@ -57,7 +57,7 @@ impl<'a> Bake<'a> {
             isovalues: None,
             texture: None,
             layers: 4,
-            bands: 5,
+            bands: None,
             rays: None,
             seed: 0,
             positive: false,
@@ -87,9 +87,9 @@ impl<'a> Bake<'a> {
         Self { layers, ..self }
     }
 
-    /// Spherical-harmonic bands of each layer.
+    /// So many spherical-harmonic bands in each layer. Otherwise as [`Layers::usual`], or 5 where transfer stays positive.
     pub fn bands(self, bands: usize) -> Self {
-        Self { bands, ..self }
+        Self { bands: Some(bands), ..self }
     }
 
     /// Rays per texel, a power of two; with an error or a time the most that a texel gets.
@@ -174,7 +174,11 @@ impl<'a> Bake<'a> {
             None => None,
         };
         let lattice = Lattice::from_ratio(member.volume.dims(), self.texture.unwrap_or(1.0))?;
-        let plain = Layout { lattice, layers: Layers::uniform(self.layers, self.bands)? };
+        let layers = match self.bands.or(self.positive.then_some(5)) {
+            Some(bands) => Layers::uniform(self.layers, bands)?,
+            None => Layers::usual(self.layers)?,
+        };
+        let plain = Layout { lattice, layers };
         let layout = layout_of_scene(plain, member.geometry.as_ref());
         let goal = match (self.goal.error, self.goal.seconds, self.rays) {
             (None, None, None) if self.estimator == Estimator::Path => Goal::usual(self.goal.lights.clone()),

@@ -17,11 +17,12 @@ use rayon::prelude::*;
 /// Check points of an isosurface: one for so many vertices, within bounds.
 const VERTICES_A_POINT: usize = 8;
 const FEWEST: usize = 64;
-const MOST: usize = 512;
+const MOST: usize = 256;
 /// Check points of all isovalues together.
-const OF_ALL: usize = 1024;
-/// Paths of a check point, half of them for each half of its transfer.
-const PATHS: u32 = 1024;
+const OF_ALL: usize = 512;
+/// Paths of a check point, half of them for each half of its transfer. More paths rather than more points: what is beyond the bands is
+/// the mean of a product of two halves, whose noise falls as the paths and as the root of the points.
+const PATHS: u32 = 2048;
 /// The streams of random numbers of places and of paths.
 const PLACES: u64 = 0x706c_6163;
 const OF_PATHS: u64 = 0x6368_6563;
@@ -81,7 +82,8 @@ impl Request<'_> {
             let settings = half(seed + h, PATHS / 2);
             let bake = Bake::new(self.volume, pyramid, &layout, &settings, &selection);
             let all: Vec<([usize; 3], u32)> = (0..count).map(|i| ([i, 0, 0], PATHS / 2)).collect();
-            let bake = Bake { caustics: self.has_caustics(), points: Some(points), ..bake.among(self.geometry) };
+            let (caustics, specular) = (self.has_caustics(), self.specular.map(|s| s as _));
+            let bake = Bake { caustics, specular, points: Some(points), ..bake.among(self.geometry) };
             let found = estimates(&bake, &all)?;
             Ok(found.into_iter().map(|groups| Some(groups?.into_iter().flat_map(|g| g.transfer).collect())).collect())
         };

@@ -12,7 +12,9 @@ use crate::scene::{Effects, SunSplit};
 use crate::surface::extract_without_normals;
 use crate::transfer::store::{Baked, EstimatorIdentity, Identity, Shadows, Store, Surroundings};
 use crate::transfer::{Lattice, Layout, Selection, texels_of_isosurfaces};
-use crate::transport::{Bake, GatherSettings, PhotonBake, Settings, SurfacePoints, pilot};
+use crate::transport::{
+    Bake, GatherSettings, PhotonBake, PhotonScene, Settings, SpecularPhotons, SurfacePoints, needs_photons, pilot,
+};
 use crate::volume::{Shadowing, Volume};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -23,6 +25,9 @@ pub(super) const PILOT_TEXELS: u64 = 2000;
 pub(super) const PILOT_RAYS: u32 = 16;
 /// Accepted error of what the plan drops, relative to the brightest light.
 const TOLERANCE: f64 = 0.01;
+
+/// Photons sent out for light that no path finds ([`needs_photons`]).
+const CAUSTIC_PHOTONS: u32 = 1 << 22;
 
 /// How a store is written and what of it is verified.
 #[derive(Clone, Copy, Debug)]
@@ -87,6 +92,8 @@ pub struct Request<'a> {
     pub geometry: Option<&'a Geometry>,
     /// The vertices that the layout is of, in a request for one surface.
     pub(crate) points: Option<&'a SurfacePoints>,
+    /// Light that no path finds, once photons have brought it.
+    pub(crate) specular: Option<&'a SpecularPhotons>,
     /// Part of the time that is left which it may take: the rest is for surfaces to come.
     pub(crate) time_share: f64,
 }
@@ -165,6 +172,7 @@ impl<'a> Request<'a> {
             only: None,
             geometry: None,
             points: None,
+            specular: None,
             time_share: 1.0,
         }
     }
@@ -183,7 +191,9 @@ impl<'a> Request<'a> {
         if let Some(geometry) = self.geometry {
             let alone = geometry.parts() == 0 && geometry.luminaires().is_empty();
             let among = if alone { Surroundings::Volumes } else { Surroundings::Walls };
-            return EstimatorIdentity::ScenePath { among, caustics: self.effects.switched("caustics") != Some(false) };
+            let caustics = self.has_caustics();
+            let photons = (caustics && !needs_photons(geometry).is_empty()).then_some(CAUSTIC_PHOTONS);
+            return EstimatorIdentity::ScenePath { among, caustics, photons };
         }
         let shadowing = match self.volume.shadowing {
             Shadowing::Ignored => Shadows::Ignored,
@@ -225,7 +235,23 @@ impl<'a> Request<'a> {
     pub fn bake<'b>(&'b self, pyramid: &'b Pyramid, settings: &'b Settings, selection: &'b Selection) -> Bake<'b> {
         let caustics = self.has_caustics();
         let bake = Bake::new(self.volume, pyramid, &self.layout, settings, selection).among(self.geometry);
-        Bake { caustics, points: self.points, ..bake }
+        Bake { caustics, specular: self.specular.map(|s| s as _), points: self.points, ..bake }
+    }
+
+    /// Photons of light that paths cannot find, near the isovalue of the surface that is baked or of all; none where there is no
+    /// such light.
+    ///
+    /// # Errors
+    /// As [`SpecularPhotons::new`].
+    pub fn specular_photons(&self, pyramid: &Pyramid) -> Result<Option<SpecularPhotons>> {
+        if !self.has_caustics() {
+            return Ok(None);
+        }
+        let scene = PhotonScene { volume: self.volume, pyramid, geometry: self.geometry, light: None };
+        let isovalue = self.points.map(|points| points.isovalue);
+        let limit = self.memory_limit.unwrap_or(2 << 30);
+        let sent = (CAUSTIC_PHOTONS, self.settings.seed);
+        SpecularPhotons::new(&scene, self.layout.layers.len(), isovalue, sent, limit)
     }
 
     /// Whether light of luminaires counts that comes by way of mirrors and glass.
@@ -333,8 +359,8 @@ impl<'a> Request<'a> {
                     .into(),
             });
         }
-        if let Some(geometry) = self.geometry {
-            self.check_scene(geometry)?;
+        if self.geometry.is_some() {
+            self.check_scene()?;
         }
         if self.surfaces && self.estimator != Estimator::Path {
             let name = format!("estimator {}", self.estimator.name());

@@ -58,6 +58,8 @@ pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observe
         report.at_vertices = job.surfaces;
         match job.surfaces() {
             None => {
+                let photons = job.specular_photons(&pyramid)?;
+                let job = &Request { specular: photons.as_ref(), ..job.clone() };
                 fill(job, &pyramid, &store, observer, &mut report)?;
                 check_texture(job, &pyramid, &store)?;
             }
@@ -89,9 +91,12 @@ fn fill_surfaces(
         let count = points.positions_in_grid.len();
         let share = count as f64 / left.max(1) as f64;
         left -= count;
-        fill(&job.of_surface(&points, share), pyramid, &surface, observer, report)?;
-        let SurfacePoints { isovalue, positions_in_grid, normals, .. } = points;
+        let of_surface = job.of_surface(&points, share);
+        let photons = of_surface.specular_photons(pyramid)?;
+        fill(&Request { specular: photons.as_ref(), ..of_surface }, pyramid, &surface, observer, report)?;
+        let SurfacePoints { isovalue, positions_in_grid, normals, .. } = points.clone();
         let mesh = Mesh { positions_in_grid, normals, triangles };
+        let job = &Request { specular: photons.as_ref(), ..job.clone() };
         add_checks(job, pyramid, &surface, Some(isovalue), &|| Ok(mesh.clone()))?;
     }
     Ok(())

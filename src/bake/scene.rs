@@ -38,7 +38,7 @@ impl Request<'_> {
     }
 
     /// Refuses what bakes of scenes cannot do.
-    pub(super) fn check_scene(&self, geometry: &Geometry) -> Result<()> {
+    pub(super) fn check_scene(&self) -> Result<()> {
         let refuse = |name: &str, remedy: &str| {
             let expected = "a volume without walls and luminaires";
             Err(Error::argument(name, "a scene that has them", expected, remedy))
@@ -48,17 +48,6 @@ impl Request<'_> {
         }
         if self.effects.switched("shadowing").is_some() {
             return refuse("effects", "leave it out: among walls every texel is traced");
-        }
-        if self.effects.switched("caustics") != Some(false)
-            && let [first, ..] = needs_photons(geometry).as_slice()
-        {
-            let found = format!(
-                "the luminaire {first}, a point or parallel light, beside glass, a curved mirror, or more than six flat ones"
-            );
-            let expected =
-                "luminaires with an area, or flat mirrors: other caustics would need photons, which are not built";
-            let remedy = "use a small sphere or rectangle, or leave its caustics out: --effects -caustics";
-            return Err(Error::argument("caustics", found, expected, remedy));
         }
         Ok(())
     }

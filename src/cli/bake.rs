@@ -9,10 +9,12 @@ use super::light::open_probe;
 use super::options::{BakeArgs, EstimatorArg, Texture, TransferArgs, parse_share, parse_time};
 use super::{Failure, Outcome, forecast, output, replay, text};
 use crate::bake::{ForLight, Share, Writing, layout_of_scene};
+use crate::error::Error;
 use crate::file::size_on_disk;
 use crate::probe::{EnvFrame, Orientation};
 use crate::relight::Material;
-use crate::scene::{Scene, SceneFile};
+use crate::scene::geometry::{Geometry, Luminaire, LuminaireShape};
+use crate::scene::{Scene, SceneFile, distant_light};
 use crate::study::forecast::{self as forecasts, best_within};
 use crate::study::model::ENOUGH;
 use crate::transfer::Layout;
@@ -51,11 +53,16 @@ pub(super) struct Bake {
     /// that relight takes
     #[arg(long, value_name = "PROBE")]
     for_env: Option<String>,
+    /// Bake what this environment does, whole and without limit of bands, as a luminaire named environment: three numbers a layer
+    /// in the place of spherical harmonics. Relight scales it (--luminaire environment=0.5) and adds any other --env, of which
+    /// one band is kept unless --bands says more
+    #[arg(long, value_name = "PROBE", conflicts_with_all = ["for_env", "auto"])]
+    fixed_env: Option<String>,
     /// Turn that environment counter-clockwise about up, in degrees
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true, requires = "for_env")]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
     env_rotate: f64,
     /// Where the centre of that environment lies in glTF: at +X (Blender, three.js), or at +Z (OpenEXR)
-    #[arg(long, value_enum, value_name = "FRAME", default_value = "gltf", requires = "for_env")]
+    #[arg(long, value_enum, value_name = "FRAME", default_value = "gltf")]
     env_frame: super::light::FrameName,
     /// Albedo under that environment
     #[arg(long, value_name = "RHO", default_value_t = 0.7, requires = "for_env")]
@@ -148,10 +155,26 @@ impl Bake {
     fn open(&self) -> Outcome<Scene> {
         let transfer = &self.bake.transfer;
         let options = self.volume.options_with(transfer.shadowing());
-        match &self.scene {
-            Some(file) => Ok(file.open(&options, &transfer.effects())?),
-            None => Ok(Scene::open_with(&self.input, &options, &transfer.effects())?),
+        let mut scene = match &self.scene {
+            Some(file) => file.open(&options, &transfer.effects())?,
+            None => Scene::open_with(&self.input, &options, &transfer.effects())?,
+        };
+        match &self.fixed_env {
+            Some(name) => fix(&mut scene, name, (self.env_rotate, self.env_frame))?,
+            None if self.env_rotate != 0.0 && self.for_env.is_none() => {
+                let expected = "an environment to turn";
+                return Err(
+                    Error::argument("--env-rotate", self.env_rotate, expected, "add --for-env or --fixed-env").into()
+                );
+            }
+            None => {}
         }
+        Ok(scene)
+    }
+
+    /// Bands of the layers as given; one where the environment is fixed and nobody says more.
+    fn bands(&self) -> &[u8] {
+        if self.fixed_env.is_some() && self.bake.bands.is_empty() { &[1] } else { &self.bake.bands }
     }
 
     /// Bakes one volume of a scene; what is to be told of it, if it was baked.
@@ -175,7 +198,7 @@ impl Bake {
             console.note(&note.text);
         }
         let geometry = opened.geometry.as_ref();
-        let layout = layout_of_scene(transfer.layout(volume, &self.bake.bands)?, geometry);
+        let layout = layout_of_scene(transfer.layout(volume, self.bands())?, geometry);
         let seconds = self.time().map(|t| t.as_secs_f64());
         let lights = self.light(volume, &layout)?.into_iter().collect();
         let has_goals = self.bake.estimator == EstimatorArg::Path;
@@ -211,6 +234,27 @@ impl Bake {
     }
 }
 
+/// Makes an environment the luminaire of a volume alone.
+///
+/// # Errors
+/// When the environment cannot be opened, or something stands around the volume.
+pub(super) fn fix(scene: &mut Scene, name: &str, (turned, frame): (f64, super::light::FrameName)) -> Outcome {
+    let [member] = scene.members_mut() else {
+        let remedy = "write it into the scene: [[luminaires]] with shape = \"environment\" and image";
+        return Err(Error::argument("--fixed-env", "several volumes", "one volume alone", remedy).into());
+    };
+    if member.geometry.is_some() {
+        let remedy = "write it into the scene: [[luminaires]] with shape = \"environment\" and image";
+        return Err(Error::argument("--fixed-env", "walls or luminaires", "a volume alone", remedy).into());
+    }
+    let orientation = Orientation::new(member.volume.up, turned)?.in_frame(frame.into());
+    let light = distant_light(&open_probe(name, false, None)?, orientation);
+    let shape = LuminaireShape::Environment(light);
+    let luminaire = Luminaire { name: "environment".into(), shape, power: [1.0; 3] };
+    member.geometry = Some(Geometry::new(Vec::new(), vec![luminaire], 1.0)?);
+    Ok(())
+}
+
 impl Bake {
     /// Whether the volume has no surface at all, which `--allow-empty` accepts.
     fn is_empty(&self, volume: &Volume) -> Outcome<bool> {
@@ -218,7 +262,7 @@ impl Bake {
         if low < high || self.allow_empty {
             return Ok(low >= high);
         }
-        Err(crate::Error::argument(
+        Err(Error::argument(
             "volume",
             format!("{}, all of whose samples are {low}", volume.name),
             "samples that differ",
@@ -251,7 +295,7 @@ impl Bake {
         let (probe, turned) = forecast::environment(self.for_env.as_deref(), file)?;
         let turned = if self.for_env.is_some() { self.env_rotate } else { turned };
         let orientation = Orientation::new(first.volume.up, turned)?.in_frame(self.env_frame.into());
-        let layout = layout_of_scene(transfer.layout(&first.volume, &self.bake.bands)?, first.geometry.as_ref());
+        let layout = layout_of_scene(transfer.layout(&first.volume, self.bands())?, first.geometry.as_ref());
         let (isovalue, all) = forecast::weigh(&forecast::Asked {
             members: scene.members(),
             isovalues: &isovalues,
@@ -293,7 +337,7 @@ impl Bake {
             return Ok(None);
         }
         if self.bake.transfer.rays.is_some() && self.bake.transfer.error.is_none() && self.time().is_none() {
-            return Err(crate::Error::argument(
+            return Err(Error::argument(
                 "--for-env",
                 format!("{name} beside --rays and without a target"),
                 "--error, --time or --auto beside it, or no --rays",
@@ -341,13 +385,13 @@ fn check_output(path: &Path) -> Outcome {
             "bake with -o {0}; relight, export and view make files of it: isolume relight {0} …",
             store.display()
         );
-        return Err(crate::Error::argument("output", found, expected, remedy).into());
+        return Err(Error::argument("output", found, expected, remedy).into());
     }
     if path.symlink_metadata().is_err() {
         return Ok(output::check_folder(path)?);
     }
     if path.is_dir() && !path.join("zarr.json").exists() && !looks_like_a_store(path) {
-        return Err(crate::Error::argument(
+        return Err(Error::argument(
             "output",
             path.display(),
             "a path where nothing is yet, or a transfer store",

@@ -6,6 +6,7 @@ mod lamps;
 mod picture;
 mod subject;
 
+use super::bake::fix;
 use super::console::Console;
 use super::info::check_store;
 use super::inputs::Inputs;
@@ -84,6 +85,9 @@ pub(super) struct Compare {
     /// shapes
     #[arg(long, value_name = "SCENE")]
     scene: Option<String>,
+    /// The environment that the store was baked with as a luminaire (bake --fixed-env), turned by --env-rotate as it was
+    #[arg(long, value_name = "PROBE", conflicts_with = "scene")]
+    fixed_env: Option<String>,
     /// Factor on the power of a luminaire, one number or three for red, green and blue, such as ceiling=2
     #[arg(long = "luminaire", value_name = "NAME=FACTOR", value_parser = parse_factor)]
     luminaires: Vec<LuminaireFactor>,
@@ -144,7 +148,12 @@ impl Compare {
         let read = self.env.iter().chain([&self.input]).chain(&self.scene);
         self.pictures.refuse(&Inputs::new(read).with_scene(file.as_ref()))?;
         let store = Store::open(&self.input)?;
-        let scene = file.map(|f| f.open(&VolumeOptions::default(), &Effects::default())).transpose()?;
+        let mut scene = file.map(|f| f.open(&VolumeOptions::default(), &Effects::default())).transpose()?;
+        if let Some(name) = &self.fixed_env {
+            let mut alone = Scene::of(store.volume()?);
+            fix(&mut alone, name, (self.env_rotate, self.env_frame))?;
+            scene = Some(alone);
+        }
         let (subjects, isovalues) = self.subjects(store, scene.as_ref())?;
         let probes = self.env.iter().map(|e| open_probe(e, false, None)).collect::<Result<Vec<_>, Error>>()?;
         let names: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
@@ -233,6 +242,7 @@ impl Compare {
         let scales: Vec<[f64; 3]> = luminaires.iter().map(|l| factor_of(&l.name, &self.luminaires)).collect();
         let textures: Vec<&dyn BrickSource> = stores.iter().map(|t| t as _).collect();
         let settings = subject.baked_by(self.texel_rays);
+        let photons = subject.specular_photons(at_vertices.is_some().then_some(isovalue))?;
         let mut rows = Vec::new();
         for (p, probe) in probes.iter().enumerate() {
             let start = Instant::now();
@@ -241,6 +251,7 @@ impl Compare {
                 pyramid,
                 geometry,
                 caustics: subject.has_caustics(),
+                specular: photons.as_ref().map(|photons| photons as _),
                 isovalue,
                 points: &points,
                 light: &probe.source(orientation),

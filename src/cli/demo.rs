@@ -199,7 +199,7 @@ fn command_lines(words: &[&str]) -> String {
 
 fn bake(volume: &Volume, path: &Path, seed: u64, console: &Console) -> Outcome<(Store, String, Value, f64)> {
     let start = Instant::now();
-    let layout = Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0)?, layers: Layers::uniform(4, 5)? };
+    let layout = Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0)?, layers: Layers::usual(4)? };
     let settings = Settings { layers: layout.layers.clone(), rays: RAYS, seed, target: None, positive: false };
     let isovalues: Vec<f64> = ISOVALUES
         .iter()

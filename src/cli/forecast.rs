@@ -12,6 +12,7 @@ use crate::session::Isosurface;
 use crate::study::forecast::{POINTS, Question, RATIOS, Weighed, pilots};
 use crate::study::model::Forecast;
 use crate::transfer::{Lattice, Layers, texels_of_isosurfaces};
+use crate::transport::needs_photons;
 use cpu_time::ProcessTime;
 use serde_json::{Value, json};
 use std::time::Instant;
@@ -72,7 +73,8 @@ pub(super) fn weigh(asked: &Asked<'_>) -> Outcome<(f64, Vec<Weighed>)> {
             volume,
             pyramid: &pyramid,
             geometry,
-            caustics: asked.caustics,
+            caustics: asked.caustics && geometry.is_none_or(|geometry| needs_photons(geometry).is_empty()),
+            specular: None,
             isovalue,
             points: &points,
             light: &asked.probe.source(asked.orientation),

@@ -193,7 +193,7 @@ struct Estimate {
 impl Estimate {
     fn new(volume: &Volume, isovalue: f64) -> Result<Self> {
         let lattice = Lattice::from_ratio(volume.dims(), 1.0)?;
-        let layout = Layout { lattice, layers: Layers::uniform(4, 5)? };
+        let layout = Layout { lattice, layers: Layers::usual(4)? };
         let texel = crate::bake::bytes_of_texel(&layout.layers);
         let data = volume.samples().bytes().len() as u64;
         let bytes = |s: Selection| data + s.bricks().len() as u64 * BRICK_TEXELS as u64 * texel;

@@ -47,8 +47,8 @@ pub(super) struct TransferArgs {
 pub(super) struct BakeArgs {
     #[command(flatten)]
     pub(super) transfer: TransferArgs,
-    /// Spherical harmonic bands: one count, or one for each layer such as 5,4,3,3
-    #[arg(long, default_value = "5", value_name = "N[,N…]", value_delimiter = ',',
+    /// Spherical harmonic bands: one count, or one for each layer such as 5,4,3,3 [default: 8,5,4 and then 3; with --positive 5]
+    #[arg(long, value_name = "N[,N…]", value_delimiter = ',',
         value_parser = clap::value_parser!(u8).range(1..=MAX_BANDS as i64))]
     pub(super) bands: Vec<u8>,
     /// Bake only these isosurfaces, at their vertices (with --texture: at the texels around them): numbers, 40%, 1.5sigma, 1.5rms, enclosed:5%, 300HU, bone,
@@ -125,12 +125,15 @@ pub(super) fn parse_bytes(text: &str) -> std::result::Result<u64, String> {
 }
 
 impl TransferArgs {
-    /// Layout of the texture on a volume, with `bands` as given by the user.
+    /// Layout of the texture on a volume, with `bands` as given by the user: none, one, or one a layer.
     pub(super) fn layout(&self, volume: &Volume, bands: &[u8]) -> Result<Layout> {
         let bands: Vec<usize> = bands.iter().map(|&b| usize::from(b)).collect();
         let direct_only = self.effects().switched("interreflection") == Some(false);
+        let count = usize::from(self.layers.unwrap_or(4));
         let bands = match (bands.as_slice(), self.layers) {
-            (&[one], layers) => vec![one; usize::from(layers.unwrap_or(4))],
+            (&[], _) if self.positive => vec![5; count],
+            (&[], _) => Layers::usual(count)?.bands().to_vec(),
+            (&[one], _) => vec![one; count],
             (list, Some(layers)) if list.len() != usize::from(layers) => {
                 return Err(Error::argument(
                     "--bands",

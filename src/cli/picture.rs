@@ -4,8 +4,8 @@ use super::text;
 use crate::error::{Error, Result};
 use crate::geom::Up;
 use crate::render::{Projection, View};
-use crate::scene::srgb;
 use crate::session::{Background, Framing, PictureOptions, Tone};
+use crate::srgb;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 

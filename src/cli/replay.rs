@@ -6,7 +6,7 @@ use crate::bake::Request;
 use crate::level::Pyramid;
 use crate::scene::geometry::Geometry;
 use crate::transfer::{Layers, Selection};
-use crate::transport::{On, PathEnd, ReplayedPath, TexelEstimate, replay_texel};
+use crate::transport::{Bake, On, PathEnd, ReplayedPath, TexelEstimate, replay_texel};
 use serde_json::{Value, json};
 
 pub(super) fn parse_texel(text: &str) -> Result<[usize; 3], String> {
@@ -19,7 +19,9 @@ pub(super) fn parse_texel(text: &str) -> Result<[usize; 3], String> {
 
 pub(super) fn run(request: &Request<'_>, texel: [usize; 3], console: &Console) -> Outcome {
     let (pyramid, selection) = (Pyramid::new(request.volume), Selection::empty(request.layout.lattice));
-    let bake = request.bake(&pyramid, &request.settings, &selection);
+    let photons = request.specular_photons(&pyramid)?;
+    let specular = photons.as_ref().map(|photons| photons as _);
+    let bake = Bake { specular, ..request.bake(&pyramid, &request.settings, &selection) };
     let Some(found) = replay_texel(&bake, texel)? else {
         console
             .print(format!("texel {texel:?} has no level set: its neighbourhood is constant or its gradient vanishes"));

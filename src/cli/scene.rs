@@ -141,10 +141,9 @@ fn options_of_relight(file: &SceneFile, isovalues: Option<String>, all: &mut Vec
     }
 }
 
-/// Bands of the layers, as options have them.
-pub(super) fn bands(file: &SceneFile) -> Option<Vec<u8>> {
-    let bands = &file.description.bake.bands;
-    (!bands.is_empty()).then(|| bands.iter().map(|&b| b as u8).collect())
+/// Bands of the layers, as options have them; none where the scene does not say.
+pub(super) fn bands(file: &SceneFile) -> Vec<u8> {
+    file.description.bake.bands.iter().map(|&b| b as u8).collect()
 }
 
 fn texture(size: TextureSize) -> String {

@@ -2,6 +2,7 @@
 
 mod placements;
 mod report;
+mod thesis;
 
 use super::console::Console;
 use super::forecast;
@@ -100,6 +101,7 @@ pub(super) struct Study {
 #[derive(clap::Subcommand)]
 enum OtherStudy {
     Placements(placements::PlacementsArgs),
+    Thesis(thesis::ThesisArgs),
 }
 
 /// Bands of the layers that every sweep but that of bands has.
@@ -133,8 +135,10 @@ struct Row {
 
 impl Study {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
-        if let Some(OtherStudy::Placements(other)) = &self.other {
-            return other.run(seed, console);
+        match &self.other {
+            Some(OtherStudy::Placements(other)) => return other.run(seed, console),
+            Some(OtherStudy::Thesis(other)) => return other.run(seed, console),
+            None => {}
         }
         let mut scene = self.open()?;
         let file = scene.description().cloned();
@@ -167,6 +171,7 @@ impl Study {
             pyramid: &pyramid,
             geometry,
             caustics: geometry.is_none_or(|geometry| needs_photons(geometry).is_empty()),
+            specular: None,
             isovalue: chosen.value,
             points: &points,
             light: &source,

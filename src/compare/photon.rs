@@ -3,7 +3,7 @@
 use super::{Comparison, Distance, Question, distance, mean_square};
 use crate::error::{Error, Result};
 use crate::transport::{
-    PhotonEnergy, PhotonLight, PhotonLightSettings, PhotonMap, PhotonSettings, Radiance, photon_direct,
+    PhotonEnergy, PhotonLightSettings, PhotonMap, PhotonScene, PhotonSettings, Radiance, photon_direct,
 };
 
 /// How photons are to answer.
@@ -29,10 +29,12 @@ pub struct PhotonComparison {
     pub bias: f64,
     /// Hits kept.
     pub hits: u64,
+    /// Of these, of light by way of mirrors and glass alone.
+    pub caustics: u64,
     /// Bytes of the map.
     pub bytes: u64,
-    /// Where the light went.
-    pub energy: PhotonEnergy,
+    /// Where the light of the environment went, then that of each luminaire.
+    pub energies: Vec<PhotonEnergy>,
     /// Radiance at each point.
     pub at_points: Vec<[f64; 3]>,
 }
@@ -41,16 +43,13 @@ impl PhotonQuestion {
     /// Refuses what photons do not know.
     ///
     /// # Errors
-    /// Where something stands around the volume, or the surface emits.
+    /// Where the surface emits.
     pub fn check(&self, q: &Question<'_>) -> Result<()> {
-        let refuse = |found: &str| {
-            let remedy = "compare with paths, which meet all of it: photons among walls are not built yet";
-            Err(Error::argument("photon", found, "a volume alone under an environment", remedy))
-        };
-        if q.surface.geometry.is_some() {
-            return refuse("a scene with walls, luminaires or other volumes");
+        if q.surface.emission == [0.0; 3] {
+            return Ok(());
         }
-        if q.surface.emission != [0.0; 3] { refuse("a surface that emits") } else { Ok(()) }
+        let remedy = "compare with paths: level sets that emit send out no photons";
+        Err(Error::argument("photon", "a surface that emits", "light of luminaires and the environment", remedy))
     }
 
     /// Radiance at the points of a question by photons, and the map that says so.
@@ -62,11 +61,13 @@ impl PhotonQuestion {
         let q = &q.surface;
         let settings = PhotonSettings {
             albedo: q.albedo,
-            first_bounce: u32::from(self.reading.light == PhotonLight::Indirect),
+            kept: self.reading.light.kept(),
+            scales: q.scales.to_vec(),
             ..self.map.clone()
         };
-        let map = PhotonMap::new(q.volume, q.pyramid, q.light, &settings)?;
-        let (found, _) = photon_direct(q.volume, q.pyramid, q.isovalue, q.points, q.light, &map, &self.reading)?;
+        let scene = PhotonScene { volume: q.volume, pyramid: q.pyramid, geometry: q.geometry, light: Some(q.light) };
+        let map = PhotonMap::new(&scene, &settings)?;
+        let (found, _) = photon_direct(&scene, q.isovalue, q.points, &map, &self.reading)?;
         Ok((found, map))
     }
 }
@@ -97,8 +98,9 @@ pub fn compare_photons(q: &Question<'_>, found: &Comparison, photons: &PhotonQue
         noise: over(variance),
         bias: over(mean_square(&by_photons, &paths) - variance - reference),
         hits: map.len() as u64,
+        caustics: map.caustics() as u64,
         bytes: map.bytes(),
-        energy: map.energy().clone(),
+        energies: map.energies().to_vec(),
         at_points: by_photons,
     })
 }

@@ -13,7 +13,7 @@ use crate::sh::Coefficients;
 use crate::surface::Mesh;
 use crate::transfer::{BrickSource, Lattice, Layers, Layout, Selection, texels_of_isosurface};
 use crate::transport::{
-    Bake, Radiance, SceneReference, Settings, SurfacePoint, SurfacePoints, buried, direct, estimates,
+    Bake, Radiance, SceneReference, Settings, SpecularLight, SurfacePoint, SurfacePoints, buried, direct, estimates,
 };
 use crate::volume::Volume;
 use std::collections::BTreeMap;
@@ -29,6 +29,8 @@ pub struct LitSurface<'a> {
     pub geometry: Option<&'a Geometry>,
     /// Whether textures hold the light of luminaires by way of mirrors and glass.
     pub caustics: bool,
+    /// What of it they hold from photons.
+    pub specular: Option<&'a dyn SpecularLight>,
     /// In the file's values.
     pub isovalue: f64,
     /// Where radiance is compared; of several volumes those that no other buries ([`unburied`]).
@@ -227,6 +229,6 @@ impl LitSurface<'_> {
         let alone = Bake::new(self.volume, self.pyramid, layout, settings, selection);
         let of_vertices = layout.lattice.is_of_vertices();
         let points = self.vertices.filter(|_| of_vertices).map(|vertices| &vertices.points);
-        Bake { caustics: self.caustics, points, ..alone.among(self.geometry) }
+        Bake { caustics: self.caustics, specular: self.specular, points, ..alone.among(self.geometry) }
     }
 }

@@ -76,6 +76,7 @@ impl Scene {
             pyramid: &self.pyramid,
             geometry: None,
             caustics: true,
+            specular: None,
             isovalue: self.isovalue,
             points: &self.points,
             light,
@@ -252,7 +253,13 @@ fn agree(name: &str, scene: &Scene, texture: f64, blur: [f64; 3]) {
     for (light, blur) in ways.into_iter().zip(blur) {
         let asked = PhotonQuestion {
             map: PhotonSettings { photons: 1 << 18, isovalues, seed: 5, ..PhotonSettings::default() },
-            reading: PhotonLightSettings { light, rays: 64, search: PhotonSearch::default(), seed: 5 },
+            reading: PhotonLightSettings {
+                light,
+                rays: 64,
+                search: PhotonSearch::default(),
+                caustics: PhotonSearch::of_caustics(),
+                seed: 5,
+            },
         };
         let photons = compare_photons(&question, &found, &asked).unwrap();
         println!("{name} {light:?}: store {:?}", found.whole);
@@ -264,7 +271,7 @@ fn agree(name: &str, scene: &Scene, texture: f64, blur: [f64; 3]) {
         assert!(photons.bias < blur, "{name} {light:?}: {} beyond the noise {}", photons.bias, photons.noise);
         let store = photons.store.relative_rms_without_noise;
         assert!(store < truncation + texture.hypot(blur), "{name} {light:?}: {store}");
-        assert!(photons.energy.imbalance() < 1e-6);
+        assert!(photons.energies.iter().all(|energy| energy.imbalance() < 1e-6));
     }
 }
 

@@ -6,7 +6,7 @@
 
 use super::write_error;
 use crate::error::{Error, Result};
-use crate::scene::srgb::byte_from_linear;
+use crate::srgb::byte_from_linear;
 use glam::{DMat3, DVec3};
 use serde_json::Value;
 use std::fmt::Write as _;

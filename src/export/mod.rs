@@ -13,7 +13,7 @@
 //!
 //! # Colour
 //! Colours are linear Rec.709 everywhere until the last step. glTF `COLOR_0` *is* linear; PLY and
-//! PNG are 8-bit sRGB through the one transfer function of [`crate::scene::srgb`].
+//! PNG are 8-bit sRGB through the one transfer function of [`crate::srgb`].
 //!
 //! # Place and size in glTF
 //! glTF is Y-up, right-handed, in metres. `POSITION` = world − centre of

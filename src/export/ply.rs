@@ -7,7 +7,7 @@
 
 use super::{ExportMesh, StandardError, write_error, write_records};
 use crate::error::{Error, Result};
-use crate::scene::srgb;
+use crate::srgb;
 use serde_json::Value;
 use std::io::Write;
 

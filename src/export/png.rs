@@ -3,7 +3,7 @@
 
 use super::{Image, write_error};
 use crate::error::{Error, Result};
-use crate::scene::srgb;
+use crate::srgb;
 use std::io::Write;
 
 /// What to write besides the colours.

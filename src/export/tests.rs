@@ -233,7 +233,7 @@ fn ply_holds_the_mesh_in_world() {
             assert_eq!(row[..3], t.positions[v].to_array());
             assert!((DVec3::from_slice(&row[3..6]) - t.normals[v].as_dvec3()).length() < 1e-6);
             for channel in 0..3 {
-                let signal = 255.0 * crate::scene::srgb::srgb_from_linear(f64::from(t.colours[v][channel]));
+                let signal = 255.0 * crate::srgb::srgb_from_linear(f64::from(t.colours[v][channel]));
                 assert!((row[6 + channel] - signal).abs() <= 0.5 + 1e-4);
             }
             let radiance = t.radiance[v].map(f64::from);

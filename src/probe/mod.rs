@@ -36,6 +36,7 @@ pub mod sky;
 pub mod source;
 #[doc(hidden)]
 pub mod sun;
+mod sun_split;
 
 #[doc(hidden)]
 pub use diagnose::diagnose;
@@ -53,7 +54,8 @@ pub use report::{Report, report};
 pub use source::EnvironmentSource;
 pub use sun::NoSun;
 #[doc(hidden)]
-pub use sun::{Split, SplitSun, Sun, SunOptions, SunSplit, split_sun};
+pub use sun::{Split, SplitSun, Sun, SunOptions, split_sun};
+pub use sun_split::{MOST_SUNS, SUN_TOLERANCE, SunSplit};
 
 use crate::error::{Error, Result};
 use crate::file;

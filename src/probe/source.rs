@@ -5,6 +5,7 @@ use super::orientation::Orientation;
 use crate::geom::Direction;
 use crate::sampling::{DirectionSample, DirectionalSource};
 use glam::DMat3;
+use std::borrow::Cow;
 use std::f64::consts::PI;
 
 /// A probe in world orientation, for estimators that sample the light.
@@ -21,7 +22,7 @@ use std::f64::consts::PI;
 /// radiance and density.
 #[derive(Clone, Debug)]
 pub struct EnvironmentSource<'a> {
-    image: &'a LatLong,
+    image: Cow<'a, LatLong>,
     probe_from_world: DMat3,
     world_from_probe: DMat3,
     // Invariants: `rows` has height + 1 entries, each block of `columns` width + 1; all start at
@@ -85,7 +86,15 @@ impl<'a> EnvironmentSource<'a> {
         let power = accumulate(row_weights.into_iter(), &mut rows);
         let sines = (0..=height).map(|k| libm::cos(PI * k as f64 / height as f64)).collect();
         let probe_from_world = orientation.probe_from_world();
+        let image = Cow::Borrowed(image);
         Self { image, probe_from_world, world_from_probe: probe_from_world.transpose(), rows, columns, sines, power }
+    }
+
+    /// The same with an image of its own.
+    pub fn into_owned(self) -> EnvironmentSource<'static> {
+        let Self { image, probe_from_world, world_from_probe, rows, columns, sines, power } = self;
+        let image = Cow::Owned(image.into_owned());
+        EnvironmentSource { image, probe_from_world, world_from_probe, rows, columns, sines, power }
     }
 
     /// Density per steradian over a pixel; 0 only where it is black.

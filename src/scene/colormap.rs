@@ -1,7 +1,7 @@
 //! Colour scales by name.
 
-use super::srgb::linear_from_srgb;
 use crate::error::{Error, Result};
+use crate::srgb::linear_from_srgb;
 
 /// A named colour scale.
 #[derive(Clone, Copy)]

@@ -81,6 +81,12 @@
 //! v = [0.4, 0.0, 0.0]
 //! power = 90                     # watts; irradiance in W m⁻² of a directional one
 //! colour = [1.0, 0.9, 0.8]       # a factor
+//!
+//! [[luminaires]]
+//! shape = "environment"          # a whole image that is fixed before the bake, without limit of bands
+//! image = "courtyard"            # a file, or a name such as sky
+//! rotation = 30                  # degrees, counter-clockwise about up
+//! power = 1                      # a factor on its radiance
 //! ```
 //!
 //! Several volumes that light each other stand in place of `volume` and `solid`; `isovalues` are then those of the first:

@@ -1,4 +1,4 @@
-//! What is to be lit: the description of a scene, what stands around its volume, materials over the isovalue, the encoding of their colours, and the
+//! What is to be lit: the description of a scene, what stands around its volume, materials over the isovalue, and the
 //! plan of effects. Knows nothing of the insides of solvers.
 
 mod colormap;
@@ -11,10 +11,8 @@ mod member;
 mod names;
 mod open;
 mod plan;
-#[doc(hidden)]
-pub mod srgb;
-mod sun_split;
 
+pub use crate::probe::{MOST_SUNS, SUN_TOLERANCE, SunSplit};
 #[doc(hidden)]
 pub use colormap::Colormap;
 pub use coupling::{Coupled, Coupling, IsovalueMap};
@@ -31,8 +29,7 @@ pub use member::{Front, Member, VolumeOptions};
 pub use member::{check_count, missing_store};
 #[doc(hidden)]
 pub use names::nearest;
-pub use open::{DARK, Scene, SceneFile};
+pub use open::{DARK, Scene, SceneFile, distant_light};
 pub use plan::{Effect, Plan};
 #[doc(hidden)]
 pub use plan::{Pilot, PlanInput, Surrounded, plan};
-pub use sun_split::{MOST_SUNS, SUN_TOLERANCE, SunSplit};

@@ -1,11 +1,12 @@
 //! Scenes: volumes that stand in one world with what is around them, from a file, from a description, or made by hand.
 
-use super::geometry::{Among, Geometry, Partner, TriangleMesh};
+use super::geometry::{Among, DistantLight, Geometry, Partner, TriangleMesh};
 use super::member::{AmongOthers, nearest_beside};
 use super::{Coupled, Coupling, Effects, Member, SceneDescription, VolumeDescription, VolumeOptions, WallShape};
 use crate::error::{Error, Result};
 use crate::file::{self, Beside};
 use crate::level::Pyramid;
+use crate::probe::{self, Orientation, Probe, ReadOptions};
 use crate::volume::{LengthUnit, Volume, field};
 use glam::DVec3;
 use std::io::Read;
@@ -215,6 +216,7 @@ impl SceneFile {
         }
         if effects.switched("luminaires") == Some(false) {
             surroundings.luminaires.clear();
+            surroundings.environments.clear();
             surroundings.walls.iter_mut().for_each(|wall| wall.emission = None);
         }
         if surroundings.is_empty() {
@@ -245,7 +247,11 @@ impl SceneFile {
                 triangles: mesh.triangles,
             })
         };
-        Ok(Some(surroundings.assemble(&self.description, metres, &mut read, &mut surface)?))
+        let mut environment = |name: &str, rotation: f64| {
+            let probe = probe::open(&self.place_of_environment(name), &ReadOptions::default())?;
+            Ok(distant_light(&probe, Orientation::new(volume.up, rotation)?))
+        };
+        Ok(Some(surroundings.assemble(&self.description, metres, &mut read, &mut surface, &mut environment)?))
     }
 
     /// A path from the folder of the scene, or the name of a field, as [`Member::open`] takes it.
@@ -259,11 +265,18 @@ impl SceneFile {
         let Some(probe) = self.description.probe.as_ref() else {
             // Luminaires are light enough.
             let shines = !self.description.surroundings.luminaires.is_empty()
+                || !self.description.surroundings.environments.is_empty()
                 || self.description.surroundings.walls.iter().any(|wall| wall.emission.is_some());
             return shines.then(|| DARK.to_string());
         };
         let name = &probe.name.value;
         Some(if probe.is_file { self.folder.join(name).display().to_string() } else { name.clone() })
+    }
+
+    /// A path from the folder of the scene, or the name of a built-in environment, as [`crate::probe::open`] takes it.
+    fn place_of_environment(&self, name: &str) -> String {
+        let place = self.folder.join(name);
+        if place.exists() { place.display().to_string() } else { name.to_string() }
     }
 
     /// All files that it names.
@@ -276,9 +289,31 @@ impl SceneFile {
             WallShape::Ready(_) => None,
         });
         let probe = description.probe.iter().filter(|probe| probe.is_file).map(|probe| &probe.name.value);
-        let named = volumes.chain(walls).chain(probe).chain([&description.volume.value]);
+        let fixed = description.surroundings.environments.iter().map(|environment| &environment.image.value);
+        let named = volumes.chain(walls).chain(probe).chain(fixed).chain([&description.volume.value]);
         named.map(|name| self.folder.join(name)).collect()
     }
+}
+
+/// An environment that is fixed before the bake, as it stands in the world.
+pub fn distant_light(probe: &Probe, orientation: Orientation) -> DistantLight {
+    let image = &probe.image;
+    let (mut hasher, mut total) = (blake3::Hasher::new(), [0.0f64; 3]);
+    for y in 0..image.height() {
+        let solid_angle = image.pixel_solid_angle(y);
+        for pixel in image.row(y) {
+            for v in pixel {
+                hasher.update(&v.to_le_bytes());
+            }
+            (0..3).for_each(|c| total[c] += f64::from(pixel[c].max(0.0)) * solid_angle);
+        }
+    }
+    hasher.update(&(image.width() as u64).to_le_bytes());
+    for v in orientation.probe_from_world().to_cols_array() {
+        hasher.update(&v.to_le_bytes());
+    }
+    let fingerprint = format!("environment {}", hasher.finalize().to_hex());
+    DistantLight::new(Arc::new(probe.source(orientation).into_owned()), fingerprint, total)
 }
 
 fn coupled(member: &Member) -> Coupled {

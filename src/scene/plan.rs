@@ -386,14 +386,19 @@ fn caustics(input: &PlanInput<'_>) -> Effect {
         let reason = "light of luminaires that mirrors and glass send to diffuse surfaces is left out";
         return switched_off("caustics", "no photons", reason);
     }
+    let how = if s.needs_photons.is_empty() { "by paths, no photons" } else { "by paths and photons" };
     let reason = if s.needs_photons.is_empty() {
         "mirrors or glass and diffuse surfaces see each other; luminaires with an area are met by the paths, with more noise, \
          others found by their images in up to 3 flat mirrors in a row"
             .into()
     } else {
-        format!("{} would need photons, which are not built: the bake refuses", s.needs_photons.join(", "))
+        format!(
+            "no path finds {} by way of glass, curved mirrors or more than six flat ones: photons bring that light, of which the stated \
+             errors hold the noise, not the blur at its edges",
+            s.needs_photons.join(", ")
+        )
     };
-    Effect { on: true, ..absent("caustics", "by paths, no photons", &reason) }
+    Effect { on: true, ..absent("caustics", how, &reason) }
 }
 
 fn share(rays: u64, s: &Surrounded) -> f64 {

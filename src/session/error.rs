@@ -12,9 +12,9 @@ use glam::{DVec3, Vec3};
 
 /// Pixels across of the image that truncation is measured against: about 6°, the spacing of some hundreds of directions.
 const PIXELS: usize = 64;
-/// Cosine of the distance up to which a lamp that is lit apart counts as spread, 12°: its light by reflection is in the bands, of
+/// Cosine of the distance up to which a lamp that is lit apart counts as spread, 8°: its light by reflection is in the bands, of
 /// which five resolve some 36°, and paths that happen to meet a lamp of half a degree are too few to tell what is missing.
-const SPREAD: f64 = 0.978_147_600_733_805_7;
+const SPREAD: f64 = 0.990_268_068_741_570_4;
 /// Check points nearest in isovalue that count, of those of all isovalues.
 const NEAREST: usize = 256;
 

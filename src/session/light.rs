@@ -2,7 +2,8 @@
 
 use crate::error::{Error, Result};
 use crate::geom::Up;
-use crate::probe::sun::{NoSun, SunOptions, SunSplit, split_sun};
+use crate::probe::SunSplit;
+use crate::probe::sun::{NoSun, SunOptions, split_sun};
 use crate::probe::{EnvFrame, Orientation, Probe};
 use crate::relight::{self, ClampReport, Light};
 use crate::render::SunLight;

@@ -10,7 +10,7 @@ use crate::level::Counts;
 use crate::probe::LatLong;
 use crate::relight::{Contracted, LookupReport, Material, without_negative};
 use crate::render::{Camera, Picture, Projection, RenderOptions, Subject, View, radiance_along, render};
-use crate::scene::srgb;
+use crate::srgb;
 use glam::{DMat3, DVec3};
 
 /// How a surface is pictured.

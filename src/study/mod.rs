@@ -28,6 +28,7 @@ pub mod front;
 pub mod model;
 pub mod placements;
 mod storage;
+pub mod thesis;
 
 #[cfg(test)]
 mod tests;

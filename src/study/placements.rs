@@ -23,7 +23,7 @@ mod place;
 #[cfg(test)]
 mod tests;
 
-pub use place::{LEVEL_SETS, Placement, place};
+pub use place::{LEVEL_SETS, PLANES, Placement, THE_NINE, place};
 
 use crate::compare::slow::{between, trilinear};
 use crate::compare::{Distance, distance};

@@ -99,6 +99,7 @@ impl Ground {
             pyramid: &self.pyramid,
             geometry: None,
             caustics: true,
+            specular: None,
             isovalue: self.isovalue,
             points: &self.points,
             light,

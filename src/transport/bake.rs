@@ -6,7 +6,7 @@ use super::chunks::for_each_chunk;
 use super::estimator::{Alone, BrickOutput, Estimator, Fate, WithinLevelSet, brick_of, estimates_of, item_of};
 use super::open::Openness;
 use super::path::{Scratch, Settings, TexelEstimate, estimate};
-use super::scene_path::{Among, needs_photons};
+use super::scene_path::{Among, SpecularLight, needs_photons};
 use super::summary::Summary;
 use super::sums::Real;
 use crate::error::{Error, Result};
@@ -29,6 +29,8 @@ pub struct Bake<'a> {
     pub geometry: Option<&'a Geometry>,
     /// Whether light of luminaires counts that reaches a diffuse surface by way of mirrors or glass.
     pub caustics: bool,
+    /// What of it only photons find ([`needs_photons`]).
+    pub specular: Option<&'a dyn SpecularLight>,
     /// Lattice and layers of the texture of the environment; the layers are those of `settings`.
     pub layout: &'a Layout,
     /// Estimator settings.
@@ -100,7 +102,17 @@ impl<'a> Bake<'a> {
         settings: &'a Settings,
         selection: &'a Selection,
     ) -> Self {
-        Self { volume, pyramid, geometry: None, caustics: true, layout, settings, selection, points: None }
+        Self {
+            volume,
+            pyramid,
+            geometry: None,
+            caustics: true,
+            specular: None,
+            layout,
+            settings,
+            selection,
+            points: None,
+        }
     }
 
     /// The same among walls, luminaires and other volumes.
@@ -147,9 +159,11 @@ impl<'a> Bake<'a> {
             return Err(Error::argument("layers", "grey ones", "the three channels of a scene", remedy));
         }
         if self.caustics
+            && self.specular.is_none()
             && let [first, ..] = needs_photons(geometry).as_slice()
         {
-            let remedy = "use a small sphere or rectangle instead, or leave its caustics out: --effects -caustics";
+            let remedy =
+                "give what photons say of it (SpecularPhotons), or leave its caustics out: --effects -caustics";
             let found =
                 format!("{first}, a point or parallel light, beside glass or mirrors that are not flat, or many");
             return Err(Error::argument(
@@ -199,7 +213,7 @@ macro_rules! with_path_tracer {
 ///
 /// # Errors
 /// Those of the sink; rays that are not a power of two of at least 4; a volume without cells; among walls grey layers, and
-/// caustics that would need photons ([`needs_photons`]).
+/// caustics that need photons where there are none ([`needs_photons`]).
 pub fn bake(
     bake: &Bake<'_>,
     chunks: &[[usize; 3]],

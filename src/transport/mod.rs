@@ -37,13 +37,14 @@ pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather
 pub use geometric::{CellPoints, ExactPoint, GeometricCounts, geometric, points_in_cells};
 pub use path::{Settings, Target, TexelEstimate, radiance_weights};
 pub use photon::{
-    Density, Irradiance, IsovalueChoice, Isovalues, PhotonBake, PhotonEnergy, PhotonLight, PhotonLightSettings,
-    PhotonMap, PhotonSearch, PhotonSettings, photon_bake, photon_bake_from, photon_bake_map, photon_direct,
+    Density, Irradiance, IsovalueChoice, Isovalues, Kept, PhotonBake, PhotonEnergy, PhotonLight, PhotonLightSettings,
+    PhotonMap, PhotonScene, PhotonSearch, PhotonSettings, SpecularPhotons, photon_bake, photon_bake_from,
+    photon_bake_map, photon_direct,
 };
 pub use replay::{On, PathEnd, ReplayedPath, ReplayedTexel, replay, replay_paths, replay_texel};
 pub use scene_path::{
-    LevelSite, MOST_SPECULAR, MOST_TURNS, PowerBalance, SceneCounts, SceneReference, needs_photons, scene_radiance,
-    site_radiance, trace_photons,
+    LevelSite, MOST_SPECULAR, MOST_TURNS, SceneCounts, SceneReference, SpecularLight, needs_photons, scene_radiance,
+    site_radiance,
 };
 pub use summary::{ErrorHistogram, Summary};
 

@@ -15,11 +15,15 @@ use isolume::geom::Bounds;
 use isolume::level::{LevelField, Pyramid};
 use isolume::relight::Material;
 use isolume::sampling::hash::uniform;
+use isolume::scene::geometry::Geometry;
 use isolume::sh;
 use isolume::transfer::{
     BRICK, BRICK_TEXELS, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, validity,
 };
-use isolume::transport::{Bake, ChunkBricks, Progress, Settings, Summary, bake};
+use isolume::transport::{
+    Bake, ChunkBricks, IsovalueChoice, Isovalues, PhotonEnergy, PhotonMap, PhotonScene, PhotonSettings, Progress,
+    Settings, Summary, bake,
+};
 use isolume::volume::field::{Field, sample};
 use isolume::volume::{Samples, Volume};
 use std::f64::consts::PI;
@@ -49,6 +53,17 @@ impl<F: Fn(DVec3) -> f64 + Send + Sync> Field for Analytic<F> {
     fn default_isovalue(&self) -> f64 {
         0.0
     }
+}
+
+/// Where the light of the first luminaire goes, by photons of about one isovalue.
+pub fn energy_of(volume: &Volume, geometry: &Geometry, isovalue: f64, albedo: [f32; 3], photons: u32) -> PhotonEnergy {
+    let pyramid = Pyramid::new(volume);
+    let scene = PhotonScene { volume, pyramid: &pyramid, geometry: Some(geometry), light: None };
+    let near = Isovalues::near(volume, isovalue, 0.02).expect("a surface");
+    // All photons alike.
+    let isovalues = Isovalues { choice: IsovalueChoice::Uniform, ..near };
+    let settings = PhotonSettings { photons, albedo, isovalues, seed: 3, ..PhotonSettings::default() };
+    PhotonMap::new(&scene, &settings).expect("photons").energies()[1].clone()
 }
 
 /// Samples `value` at spacing 1: sample (i, j, k) lies at `origin` + (i, j, k).

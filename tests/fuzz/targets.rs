@@ -6,8 +6,8 @@ use glam::DVec3;
 use isolume::geom::Up;
 use isolume::level;
 use isolume::probe::{Orientation, ReadOptions};
-use isolume::scene::SceneDescription;
 use isolume::scene::geometry::read_mesh;
+use isolume::scene::{SceneDescription, distant_light};
 use isolume::transfer::store::{ChunkExtent, ErrorTarget, Holdings, Identity, Store, pack_zip};
 use isolume::transfer::{BRICK_TEXELS, Brick, BrickSource, Lattice, Layers, Layout};
 use isolume::volume::{ReadHint, Samples, Volume};
@@ -353,7 +353,12 @@ fn check_scene(bytes: &[u8]) -> bool {
     };
     let corners = || read_mesh(&seeds::obj().swap_remove(0).1, &mut |_, _| Ok(Vec::new()));
     let bytes_of_mesh = || Ok(seeds::obj().swap_remove(0).1);
-    match scene.surroundings.assemble(&scene, 1.0, &mut |_, _| bytes_of_mesh(), &mut |_, _| corners()) {
+    let mut sky = |name: &str, turned: f64| {
+        let none = || isolume::Error::argument("image", name, "the name of a built-in environment", "write sky");
+        let probe = isolume::probe::by_name(name)?.ok_or_else(none)?;
+        Ok(distant_light(&probe, Orientation::new(Up::Y, turned)?))
+    };
+    match scene.surroundings.assemble(&scene, 1.0, &mut |_, _| bytes_of_mesh(), &mut |_, _| corners(), &mut sky) {
         Err(error) => {
             assert!(error.to_string().len() > 30, "an error without a reason: {error}");
             false

@@ -19,27 +19,27 @@ pub const LAYERS: &[Layer] = &[
     layer("staging", &["error", "finding", "file"]),
     layer("grid3", &["error", "finding", "file", "staging"]),
     layer("geom", &["error", "finding", "file", "staging", "grid3"]),
+    layer("srgb", &["error", "finding", "file", "staging", "grid3", "geom"]),
     layer("sampling", &[]),
     layer("sh", &[]),
-    layer("volume", &["sh"]),
-    layer("level", &["sh", "sampling"]),
+    layer("probe", &[]),
+    layer("volume", &["sh", "probe"]),
+    layer("level", &["sh", "sampling", "probe"]),
     // Not light, not SH.
-    layer("surface", &["sh", "sampling"]),
+    layer("surface", &["sh", "sampling", "probe"]),
     layer("scene", &[]),
     // Not how the transfer was computed.
-    layer("transfer", &["level", "sampling"]),
+    layer("transfer", &["level", "sampling", "probe"]),
     // Not files.
-    layer("transport", &["transfer::store"]),
+    layer("transport", &["transfer::store", "probe"]),
     // Not light.
-    layer("bake", &[]),
-    // Of scenes only the encoding of colours.
-    layer("probe", &["volume", "level", "scene::plan", "transfer", "transport"]),
+    layer("bake", &["probe"]),
     // Not rays, not solvers.
     layer("relight", &["level", "transport"]),
     layer("render", &["transport"]),
     layer("compare", &[]),
     layer("study", &[]),
-    // It takes meshes, images and attributes; of scenes only the encoding of colours.
+    // It takes meshes, images and attributes.
     layer(
         "export",
         &[

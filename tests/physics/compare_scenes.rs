@@ -60,6 +60,7 @@ fn a_furnace_is_uniform_and_the_rows_sum() {
         pyramid: &pyramid,
         geometry: Some(&geometry),
         caustics: true,
+        specular: None,
         isovalue,
         points: &points,
         light: &source,

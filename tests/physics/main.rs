@@ -11,6 +11,7 @@ mod hard_rays;
 mod lamps;
 mod light;
 mod open;
+mod photons;
 mod relight_transport;
 mod scene_volumes;
 mod scene_walls;

@@ -286,18 +286,65 @@ fn luminaires_are_relit_without_rays() {
 }
 
 #[test]
-fn caustics_that_need_photons_are_refused_by_name() {
+fn caustics_that_paths_cannot_find_are_brought_by_photons() {
     let bench = Bench::new();
     let glass = "[[objects]]\nshape = \"sphere\"\ncentre = [0.5, 0.2, 0.5]\nradius = 0.1\nmaterial = \"glass\"\n";
     let bulb = "[[luminaires]]\nname = \"bulb\"\nshape = \"point\"\nposition = [0.5, 0.05, 0.5]\npower = 10\n";
     bench.write("g.toml", format!("volume = \"bumpbox:10\"\nisovalues = 47\n[bake]\nrays = 4\n{glass}{bulb}"));
-    let text = bench.refuses("bake g.toml -o g.isolume");
-    assert!(text.contains("bulb") && text.contains("photons") && text.contains("-caustics"), "{text}");
     let plan = bench.json("plan g.toml");
     let row =
         plan["effects"].as_array().expect("rows").iter().find(|e| e["name"] == "caustics").expect("a row").clone();
-    assert!(row["on"] == true && row["reason"].as_str().is_some_and(|r| r.contains("bulb")), "{row}");
-    let off = bench.json("bake g.toml --effects -caustics -o g.isolume");
+    let says = |word: &str| row["reason"].as_str().is_some_and(|r| r.contains(word));
+    assert!(row["on"] == true && says("bulb") && says("photons"), "{row}");
+    let on = bench.json("bake g.toml -o g.isolume");
+    let estimator = &on["identity"]["estimator"];
+    assert!(estimator["caustics"] == true && estimator["photons"] == 1 << 22, "{estimator}");
+    let off = bench.json("bake g.toml --effects -caustics -o n.isolume");
     let estimator = &off["identity"]["estimator"];
-    assert!(estimator["name"] == "scene-path" && estimator["caustics"] == false, "{estimator}");
+    assert!(estimator["caustics"] == false && estimator["photons"].is_null(), "{estimator}");
+    // The ball stands between the bulb and the bump: what passes it is most of the light there.
+    bench.run("relight g.isolume --isovalue 47 --env constant:0 --radiance -o g.ply");
+    bench.run("relight n.isolume --isovalue 47 --env constant:0 --radiance -o n.ply");
+    assert!(bench.bytes("g.ply") != bench.bytes("n.ply"));
+    // The same photons whatever the share, and what a texel is made of can be told.
+    bench.run("bake g.toml --chunks 1/2 -o s.isolume");
+    bench.run("bake g.toml --chunks 2/2 -o s.isolume");
+    bench.run("relight s.isolume --isovalue 47 --env constant:0 --radiance -o s.ply");
+    assert!(bench.bytes("g.ply") == bench.bytes("s.ply"));
+    assert!(bench.json("bake g.toml --replay-texel 5,5,5")["valid"].is_boolean());
+}
+
+/// An environment as a luminaire: dark without it, the same by a scene and by an option, scaled without a ray.
+#[test]
+fn an_environment_is_baked_as_a_luminaire() {
+    let bench = Bench::new();
+    let dome = "[[luminaires]]\nname = \"environment\"\nshape = \"environment\"\nimage = \"studio\"\nrotation = 20\n";
+    let bake = "[bake]\nrays = 64\nbands = 1\n";
+    bench.write("d.toml", format!("volume = \"bumpbox:12\"\nisovalues = 47\n{bake}{dome}"));
+    bench.run("bake d.toml -o d.isolume");
+    bench.run("bake bumpbox:12 --isovalues 47 --rays 64 --fixed-env studio --env-rotate 20 -o f.isolume");
+    let line = |store: &str, factor: f64, out: &str| {
+        format!("relight {store} --isovalue 47 --env constant:0 --luminaire environment={factor} --exposure 0 -o {out}")
+    };
+    bench.run(&line("d.isolume", 1.0, "d.ply"));
+    bench.run(&line("f.isolume", 1.0, "f.ply"));
+    assert!(bench.bytes("d.ply") == bench.bytes("f.ply"));
+    bench.run(&line("f.isolume", 0.25, "quarter.ply"));
+    assert!(bench.bytes("f.ply") != bench.bytes("quarter.ply"));
+    let found = bench.json(
+        "compare f.isolume --isovalue 47 --fixed-env studio --env-rotate 20 --env constant:0 --points 200 --paths 256",
+    );
+    let row = &found["rows"][0];
+    assert_eq!(row["budget_mean_square"]["truncation"], 0.0, "{row}");
+    // 64 paths under small lamps, which are sampled by the image: noise alone.
+    assert!(row["whole"]["relative_rms"]["value"].as_f64().is_some_and(|v| v < 0.15), "{row}");
+    for (line, word) in [
+        ("bake bumpbox:12 --isovalues 47 --fixed-env studoi -o e.isolume", "studoi"),
+        ("bake d.toml --fixed-env studio -o e.isolume", "luminaires"),
+        ("bake bumpbox:12 --isovalues 47 --env-rotate 20 -o e.isolume", "--fixed-env"),
+        ("compare f.isolume --isovalue 47 --fixed-env sunset --env constant:0", "fingerprint"),
+    ] {
+        let said = bench.refuses(line);
+        assert!(said.contains(word), "{line}: {said}");
+    }
 }

@@ -42,7 +42,7 @@ impl<'a> MemberBakes<'a> {
 
     /// Bands of the layers, as the scene has them.
     pub(in crate::cli) fn bands(&self) -> Vec<u8> {
-        self.file.and_then(scene::bands).unwrap_or(vec![5])
+        self.file.map(scene::bands).unwrap_or_default()
     }
 
     /// The store, once the first volume was baked.

@@ -5,7 +5,7 @@ use crate::cli::text;
 use crate::compare::{PhotonComparison, PhotonQuestion};
 use crate::error::{Error, Result};
 use crate::transport::{
-    Density, IsovalueChoice, Isovalues, PhotonLight, PhotonLightSettings, PhotonSearch, PhotonSettings,
+    Density, IsovalueChoice, Isovalues, PhotonEnergy, PhotonLight, PhotonLightSettings, PhotonSearch, PhotonSettings,
 };
 use crate::volume::Volume;
 use serde_json::{Value, json};
@@ -27,8 +27,11 @@ pub(super) struct PhotonArgs {
     #[arg(long, value_name = "G", default_value_t = 1.0)]
     gamma: f32,
     /// Nearest photons that an estimate rests on
-    #[arg(long, value_name = "K", default_value_t = 128, value_parser = clap::value_parser!(u32).range(2..=1 << 20))]
+    #[arg(long, value_name = "K", default_value_t = 512, value_parser = clap::value_parser!(u32).range(2..=1 << 20))]
     neighbours: u32,
+    /// The same of light by way of mirrors and glass alone, within a third of the distance
+    #[arg(long, value_name = "K", default_value_t = 64, value_parser = clap::value_parser!(u32).range(2..=1 << 20))]
+    caustic_neighbours: u32,
     /// How the density of photons is read
     #[arg(long, value_enum, default_value = "tilted")]
     estimate: Estimate,
@@ -64,8 +67,12 @@ enum IsovaluesChoice {
 enum Estimate {
     /// By the ellipsoid that a search covers on a tilted field
     Tilted,
-    /// As published by Beason (2005): too dark; for study
+    /// As published by Beason (2005, eq. 4.9), not clipped: too dark; for study
+    #[value(name = "published-4.9", alias = "published")]
     Published,
+    /// As published and recommended there (eq. 4.10), clipped to the isovalues found; for study
+    #[value(name = "published-4.10")]
+    PublishedClipped,
 }
 
 /// Samples that isovalues near a surface span across it.
@@ -96,9 +103,11 @@ impl PhotonArgs {
         let density = match self.estimate {
             Estimate::Tilted => Density::Tilted,
             Estimate::Published => Density::Published,
+            Estimate::PublishedClipped => Density::PublishedClipped,
         };
         let search = PhotonSearch { neighbours: self.neighbours, density, ..PhotonSearch::default() };
-        let reading = PhotonLightSettings { light, rays: self.photon_rays, search, seed };
+        let caustics = PhotonSearch { neighbours: self.caustic_neighbours, density, ..PhotonSearch::of_caustics() };
+        let reading = PhotonLightSettings { light, rays: self.photon_rays, search, caustics, seed };
         Ok(PhotonQuestion { map, reading })
     }
 }
@@ -140,15 +149,18 @@ pub(super) fn table(rows: &[Row]) -> String {
 }
 
 pub(super) fn photons_json(p: &PhotonComparison) -> Value {
-    let e = &p.energy;
+    let energy = |e: &PhotonEnergy| {
+        json!({
+            "photons": e.photons, "hits": e.hits, "emitted": e.emitted, "missed": e.missed, "discarded": e.discarded,
+            "escaped": e.escaped, "absorbed": e.absorbed, "in_walls": e.in_walls, "in_luminaires": e.in_luminaires,
+            "cut": e.cut, "imbalance": e.imbalance(), "stored_by_bounce": e.stored,
+        })
+    };
     json!({
         "store_against_photons": super::distance_json(&p.store),
         "photons_against_paths": super::distance_json(&p.paths),
-        "noise": p.noise, "bias_rms": p.bias, "hits": p.hits, "bytes": p.bytes,
-        "energy": {
-            "photons": e.photons, "emitted": e.emitted, "missed": e.missed, "discarded": e.discarded,
-            "escaped": e.escaped, "absorbed": e.absorbed, "cut": e.cut, "imbalance": e.imbalance(),
-            "stored_by_bounce": e.stored,
-        },
+        "noise": p.noise, "bias_rms": p.bias, "hits": p.hits, "caustics": p.caustics, "bytes": p.bytes,
+        // Of the environment, then of each luminaire.
+        "energies": p.energies.iter().map(energy).collect::<Vec<_>>(),
     })
 }

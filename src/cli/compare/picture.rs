@@ -5,7 +5,7 @@ use crate::cli::output::{self, Target};
 use crate::cli::{Outcome, picture, text};
 use crate::compare::{LitSurface, PhotonQuestion, Question, by_store};
 use crate::error::{Error, Result};
-use crate::export::gltf::GltfOptions;
+use crate::export::gltf::{GltfOptions, Scalars};
 use crate::export::png::PngOptions;
 use crate::export::sheet::{SheetStyle, Tile, contact_sheet};
 use crate::export::{Image, atomic, gltf, png};
@@ -13,7 +13,7 @@ use crate::relight::Exposure;
 use crate::render::{SeenPoint, seen_points};
 use crate::scene::Colormap;
 use crate::session::Isosurface;
-use crate::transport::{SurfacePoint, buried};
+use crate::transport::{Radiance, SurfacePoint, buried};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -27,9 +27,12 @@ pub(super) struct PictureOutput {
     /// Write a picture: store, reference, and their difference; {isovalue} and {env} in the name for several
     #[arg(long, value_name = "FILE.png")]
     png: Option<PathBuf>,
-    /// Write the surface with the difference as vertex colours
+    /// Write the surface with the difference as vertex colours; store and reference are attributes beside them
     #[arg(long, value_name = "FILE.glb")]
     glb: Option<PathBuf>,
+    /// Write the surface as the reference lights it, by paths or, with --against photon, by photons
+    #[arg(long, value_name = "FILE.glb")]
+    direct: Option<PathBuf>,
     #[command(flatten)]
     seen: picture::ViewArgs,
     /// Difference that shows in full colour, such as 10%, over the mean radiance [default: what 98 % of it is below]
@@ -40,7 +43,7 @@ pub(super) struct PictureOutput {
 impl PictureOutput {
     /// Refuses files to write that are read.
     pub(super) fn refuse(&self, inputs: &Inputs) -> Result<()> {
-        self.png.iter().chain(&self.glb).try_for_each(|path| inputs.refuse(path))
+        self.png.iter().chain(&self.glb).chain(&self.direct).try_for_each(|path| inputs.refuse(path))
     }
 }
 
@@ -57,11 +60,12 @@ fn parse_scale(text: &str) -> std::result::Result<f64, String> {
 pub(super) struct Files {
     png: Option<Target>,
     glb: Option<Target>,
+    direct: Option<Target>,
 }
 
 impl Files {
     pub(super) fn paths(&self) -> impl Iterator<Item = &Path> {
-        self.png.iter().chain(&self.glb).map(|t| t.path.as_path())
+        self.png.iter().chain(&self.glb).chain(&self.direct).map(|t| t.path.as_path())
     }
 }
 
@@ -94,13 +98,14 @@ impl PictureOutput {
             }
             Ok(output::targets(path, name, isovalues, environments)?.into_iter().map(Some).collect())
         };
-        let (pngs, glbs) = (of(&self.png, "png")?, of(&self.glb, "glb")?);
-        Ok(pngs.into_iter().zip(glbs).map(|(png, glb)| Files { png, glb }).collect())
+        let (pngs, glbs, directs) = (of(&self.png, "png")?, of(&self.glb, "glb")?, of(&self.direct, "glb")?);
+        let all = pngs.into_iter().zip(glbs).zip(directs);
+        Ok(all.map(|((png, glb), direct)| Files { png, glb, direct }).collect())
     }
 
     /// The files of several volumes: none.
     pub(super) fn none(&self) -> Result<Vec<Files>> {
-        match self.png.as_ref().or(self.glb.as_ref()) {
+        match self.png.as_ref().or(self.glb.as_ref()).or(self.direct.as_ref()) {
             None => Ok(Vec::new()),
             Some(path) => {
                 let expected = "one volume: a picture of a comparison shows one";
@@ -116,6 +121,9 @@ impl PictureOutput {
         }
         if let Some(target) = &files.glb {
             self.write_glb(&target.path, shown)?;
+        }
+        if let Some(target) = &files.direct {
+            self.write_direct(&target.path, shown)?;
         }
         Ok(())
     }
@@ -168,11 +176,7 @@ impl PictureOutput {
 
     fn write_glb(&self, path: &Path, shown: &Shown<'_>) -> Outcome {
         let (q, surface, mean) = (&shown.question.surface, shown.surface, shown.mean);
-        let mesh = surface.mesh();
-        let vertices = mesh.positions_in_grid.iter().zip(&mesh.normals);
-        let points: Vec<SurfacePoint> =
-            vertices.map(|(p, n)| SurfacePoint { position_in_grid: *p, normal: *n }).collect();
-        let found = shown.differences(&points)?;
+        let found = shown.differences(&shown.vertices())?;
         let scale = self.scale.unwrap_or_else(|| found.natural_scale());
         let colours = found.colours(scale);
         let name = format!("{} {}, difference", q.volume.name, text::number(q.isovalue, 8));
@@ -182,11 +186,36 @@ impl PictureOutput {
         let mesh = surface.export(&name, q.volume, q.volume.up, &colours, Some((&radiance, &errors)));
         let provenance = json!({
             "difference_of": ["store", shown.reference()], "blue": -scale, "red": scale, "mean_radiance": mean,
-            "_RADIANCE": "store minus reference",
+            "_RADIANCE": "store minus reference", "_STORE_R, _G, _B": "radiance by the store",
+            "_REFERENCE_R, _G, _B": "radiance by the reference",
         });
+        let scalars = scalars_of("STORE", &found.store).chain(scalars_of("REFERENCE", &found.reference)).collect();
+        let options = GltfOptions { provenance, scalars, ..GltfOptions::default() };
+        Ok(atomic::write(path, |w| gltf::write(w, &mesh, &options))?)
+    }
+
+    /// The reference itself, exposed, as a file like those of relight.
+    fn write_direct(&self, path: &Path, shown: &Shown<'_>) -> Outcome {
+        let (q, surface) = (&shown.question.surface, shown.surface);
+        let (radiance, errors) = shown.reference_at_vertices()?;
+        let exposure = Exposure::Percentile.factor(&radiance);
+        let colours: Vec<[f32; 3]> =
+            Exposure::apply(exposure, &radiance).into_iter().map(|c| c.map(|v| v.clamp(0.0, 1.0))).collect();
+        let name = format!("{} {}, {}", q.volume.name, text::number(q.isovalue, 8), shown.reference());
+        let mesh = surface.export(&name, q.volume, q.volume.up, &colours, Some((&radiance, &errors)));
+        let provenance = json!({ "by": shown.reference(), "isovalue": q.isovalue, "exposure": exposure });
         let options = GltfOptions { provenance, ..GltfOptions::default() };
         Ok(atomic::write(path, |w| gltf::write(w, &mesh, &options))?)
     }
+}
+
+/// Three attributes, one a channel.
+fn scalars_of<'a>(name: &'static str, values: &'a [[f32; 3]]) -> impl Iterator<Item = Scalars> + 'a {
+    let channel = move |(c, letter): (usize, &str)| Scalars {
+        name: format!("{name}_{letter}"),
+        values: values.iter().map(|v| v[c]).collect(),
+    };
+    ["R", "G", "B"].into_iter().enumerate().map(channel)
 }
 
 fn point_of(seen: &SeenPoint) -> SurfacePoint {
@@ -198,18 +227,40 @@ impl Shown<'_> {
         if self.photons.is_some() { "photons" } else { "paths" }
     }
 
+    /// What the reference says.
+    fn answer(&self, q: &Question<'_>) -> Result<Vec<Radiance>> {
+        match self.photons {
+            Some(photons) => Ok(photons.answer(q)?.0),
+            None => {
+                let (found, _) = q.surface.by_paths(&[q.surface.light], q.paths, q.seed)?;
+                Ok(found.into_iter().flatten().collect())
+            }
+        }
+    }
+
+    /// Radiance of the reference at all vertices, and the standard error of its mean over the channels.
+    fn reference_at_vertices(&self) -> Result<(Vec<[f32; 3]>, Vec<f32>)> {
+        let points = self.vertices();
+        let q = &Question { surface: LitSurface { points: &points, ..self.question.surface }, ..*self.question };
+        let each = self.answer(q)?.into_iter().map(|r| {
+            let error = (r.stderr.iter().map(|e| e * e).sum::<f64>() / 3.0).sqrt();
+            (r.mean.map(|v| v as f32), error as f32)
+        });
+        Ok(each.unzip())
+    }
+
+    fn vertices(&self) -> Vec<SurfacePoint> {
+        let mesh = self.surface.mesh();
+        let vertices = mesh.positions_in_grid.iter().zip(&mesh.normals);
+        vertices.map(|(p, n)| SurfacePoint { position_in_grid: *p, normal: *n }).collect()
+    }
+
     /// Both answers at points of the surface; black where another volume buries it.
     fn differences(&self, points: &[SurfacePoint]) -> Result<Differences> {
         let q = &Question { surface: LitSurface { points, ..self.question.surface }, ..*self.question };
         let surface = &q.surface;
         let (mut store, _) = by_store(q)?;
-        let mut reference: Vec<[f64; 3]> = match self.photons {
-            Some(photons) => photons.answer(q)?.0.iter().map(|r| r.mean).collect(),
-            None => {
-                let (found, _) = surface.by_paths(&[surface.light], q.paths, q.seed)?;
-                found.iter().flatten().map(|r| r.mean).collect()
-            }
-        };
+        let mut reference: Vec<[f64; 3]> = self.answer(q)?.iter().map(|r| r.mean).collect();
         if let Some(geometry) = surface.geometry {
             let buried = buried(surface.volume, surface.pyramid, geometry, surface.isovalue, points);
             let hidden = buried.into_iter().enumerate().filter(|(_, buried)| *buried);

@@ -10,7 +10,7 @@ use crate::scene::Scene;
 use crate::scene::geometry::Geometry;
 use crate::session::Session;
 use crate::transfer::store::{EstimatorIdentity, Shadows, Store};
-use crate::transport::Settings;
+use crate::transport::{PhotonScene, Settings, SpecularPhotons};
 use crate::volume::Volume;
 
 /// A volume of a store.
@@ -63,6 +63,16 @@ impl Subject {
     /// Whether light by way of mirrors and glass was baked.
     pub(super) fn has_caustics(&self) -> bool {
         !matches!(self.textures[0].identity().estimator, EstimatorIdentity::ScenePath { caustics: false, .. })
+    }
+
+    /// Photons of light that paths did not find, as they were sent out for its texture, or for the vertices of one isosurface.
+    pub(super) fn specular_photons(&self, isovalue: Option<f64>) -> Result<Option<SpecularPhotons>> {
+        let identity = self.textures[0].identity();
+        let EstimatorIdentity::ScenePath { photons: Some(sent), .. } = identity.estimator else { return Ok(None) };
+        let (volume, pyramid) = (&self.volume, &self.pyramid);
+        let scene = PhotonScene { volume, pyramid, geometry: self.geometry.as_ref(), light: None };
+        let limit = crate::cli::options::default_memory_limit();
+        SpecularPhotons::new(&scene, identity.bands.len(), isovalue, (sent, identity.seed), limit)
     }
 
     /// Whether other volumes stand beside it.

@@ -17,7 +17,7 @@ use super::options::TransferArgs;
 use super::picture::PictureArgs;
 use super::{Failure, Outcome, info, options, text};
 use crate::error::Error;
-use crate::probe::sun::MOST_SUNS;
+use crate::probe::MOST_SUNS;
 use crate::probe::{Probe, SunOptions, SunSplit, split_sun};
 use crate::scene::geometry::Geometry;
 use crate::scene::{EmissionRule, MaterialRule, Scene, SceneFile};
@@ -34,7 +34,7 @@ use work::{Source, Work};
 
 /// Light isosurfaces by environments and write them as .glb, .ply or .png
 ///
-/// From a store transfer and light are multiplied; rays are traced to lamps that five bands would blur, no others. A volume is baked first, for the
+/// From a store transfer and light are multiplied; rays are traced to lamps that bands would blur, no others. A volume is baked first, for the
 /// isovalues asked for, into a store in the user's cache folder; the next run finds it there. Where that takes
 /// longer than a moment, a draft of 16 rays a texel is written first, then replaced.
 #[derive(clap::Args, Clone)]

@@ -160,7 +160,7 @@ impl<'a> Work<'a> {
 
     /// Bakes what the isosurfaces need, coarsely first where the whole takes long, and lights them each time.
     pub(super) fn bake_and_light(&self, label: &str, seed: u64) -> Outcome<Relit> {
-        let bands = self.command.scene.as_ref().and_then(scene::bands).unwrap_or(vec![5]);
+        let bands = self.command.scene.as_ref().map(scene::bands).unwrap_or_default();
         let (of_volume, isovalues) = ((self.volume, label, self.geometry), Some(self.isovalues.clone()));
         let transfer = &self.command.transfer;
         let layers = layout_of_scene(transfer.layout(self.volume, &bands)?, self.geometry).layers;

@@ -16,7 +16,8 @@ use crate::scene::Effects;
 use crate::scene::geometry::Geometry;
 use crate::scene::{DARK, Scene, SceneFile};
 use crate::session::Isosurface;
-use crate::study::placements::{LEVEL_SETS, Placement, Route, RouteFound, RouteReference};
+use crate::study::placements::{LEVEL_SETS, PLANES, Placement, Route, RouteFound, RouteReference, THE_NINE};
+use crate::surface::extract_without_normals;
 use crate::transfer::Lattice;
 use cpu_time::ProcessTime;
 use serde_json::{Value, json};
@@ -136,6 +137,13 @@ impl PlacementsArgs {
         let turned = file.as_ref().and_then(|f| f.description.probe.as_ref()?.rotation).unwrap_or(0.0);
         let orientation = Orientation::new(volume.up, turned)?;
         let source = probe.as_ref().map(|p| p.source(orientation));
+        if self.placements.is_empty() || self.placements.contains(&Placement::NineLevelSets) {
+            for isovalue in THE_NINE {
+                if extract_without_normals(volume, isovalue)?.triangles.is_empty() {
+                    console.note(format!("level sets 9: isovalue {isovalue} has no surface here, and gets no samples"));
+                }
+            }
+        }
         let nothing = Geometry::new(Vec::new(), Vec::new(), 1.0)?;
         let pyramid = Pyramid::new(volume);
         let surface = Isosurface::extract(volume, &pyramid, isovalue)?;
@@ -227,8 +235,8 @@ impl PlacementsArgs {
             "\nRMS %: as Beason (2005), at vertices after the exposure of the reference, cut to [0, 1]; ± standard error over {} \
              placements. Reference: {} paths at each of {} vertices; its own noise, {:.2} % of RMS %, is in every row. \
              Texture {x}x{y}x{z}; {} paths a sample; D: radius of a ball that holds {} samples in the mean. Empty texels take \
-             the nearest sample. \"texels\": a sample on each texel, without scatter. Level sets: {LEVEL_SETS} of them (the \
-             thesis has nine), many level sets: n^(1/3). Thesis: its figure at 10^6 samples, 100^3 texels, isovalue 47 of the \
+             the nearest sample. \"texels\": a sample on each texel, without scatter. Level sets: {LEVEL_SETS} of random isovalues, \
+             many level sets: n^(1/3), level sets 9: those of the thesis. Diagonal planes: {PLANES}, our guess of its \"small set\". Thesis: its figure at 10^6 samples, 100^3 texels, isovalue 47 of the \
              bump box in its box; sizes of luminaire and colours of walls are not printed there, so only the order compares.",
             self.repeats, self.reference_paths, self.points, reference.noise_percent, self.paths, self.neighbours
         )

@@ -6,7 +6,7 @@
 
 use super::{Note, Raw, ReadOptions, check_size, damaged};
 use crate::error::Result;
-use crate::scene::srgb::linear_from_srgb;
+use crate::srgb::linear_from_srgb;
 use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
 use png::{BitDepth, ColorType, Transformations};
 use std::io::Cursor;

@@ -228,9 +228,8 @@ fn kinds_of_png_are_read_as_by_another_reader() {
             writer.write_image_data(&noise(32 * channels * bytes)).unwrap();
             writer.finish().unwrap();
             let other = image::load_from_memory(&file).unwrap().into_rgb16();
-            let expected = other
-                .pixels()
-                .map(|p| p.0.map(|v| crate::scene::srgb::linear_from_srgb(f64::from(v) / 65535.0) as f32));
+            let expected =
+                other.pixels().map(|p| p.0.map(|v| crate::srgb::linear_from_srgb(f64::from(v) / 65535.0) as f32));
             let read = read_default(&file);
             assert_eq!(read.image.pixels(), expected.collect::<Vec<_>>(), "{colour:?} {depth:?}");
             assert_eq!(read.notes.len(), 1 + usize::from(channels % 2 == 0), "{:?}", read.notes);

@@ -3,7 +3,9 @@
 use super::read::{Item, Section};
 use super::{Located, SceneDescription};
 use crate::error::{Error, Result};
-use crate::scene::geometry::{Finish, Geometry, Luminaire, LuminaireShape, Shape, TriangleMesh, Wall, read_mesh};
+use crate::scene::geometry::{
+    DistantLight, Finish, Geometry, Luminaire, LuminaireShape, Shape, TriangleMesh, Wall, read_mesh,
+};
 use glam::{DMat3, DVec3};
 
 /// What stands around the volume, as described.
@@ -11,10 +13,25 @@ use glam::{DMat3, DVec3};
 pub struct Surroundings {
     /// Walls and objects.
     pub walls: Vec<WallDescription>,
-    /// Luminaires, without those that are walls.
+    /// Luminaires, without those that are walls or environments.
     pub luminaires: Vec<Located<Luminaire>>,
+    /// Environments that are fixed before the bake.
+    pub environments: Vec<EnvironmentDescription>,
     /// Metres of a world unit, where the scene says so.
     pub metres_per_unit: Option<f64>,
+}
+
+/// An environment as a luminaire.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EnvironmentDescription {
+    /// Its name in the scene.
+    pub name: String,
+    /// The name of a built-in one, or the path of an image from the folder of the scene, and its line.
+    pub image: Located<String>,
+    /// Counter-clockwise about up, seen from above, in degrees.
+    pub rotation: f64,
+    /// Factor on its radiance.
+    pub power: [f64; 3],
 }
 
 /// A wall or an object; a room is one for each of its faces.
@@ -63,11 +80,11 @@ pub type ReadFile<'a> = dyn FnMut(&str, Option<(&str, u64)>) -> Result<Vec<u8>> 
 impl Surroundings {
     /// Whether there is nothing.
     pub fn is_empty(&self) -> bool {
-        self.walls.is_empty() && self.luminaires.is_empty()
+        self.walls.is_empty() && self.luminaires.is_empty() && self.environments.is_empty()
     }
 
     /// Walls and luminaires ready for rays. `metres_per_unit` is that of the volume, which counts where the scene says
-    /// nothing; `surface` makes the triangles of another volume.
+    /// nothing; `surface` makes the triangles of another volume, `environment` opens an image and turns it by degrees.
     ///
     /// # Errors
     /// When a file cannot be read or is no mesh (naming the line), or as [`Geometry::new`].
@@ -77,9 +94,14 @@ impl Surroundings {
         metres_per_unit: f64,
         read: &mut ReadFile<'_>,
         surface: &mut dyn FnMut(&str, f64) -> Result<TriangleMesh>,
+        environment: &mut dyn FnMut(&str, f64) -> Result<DistantLight>,
     ) -> Result<Geometry> {
         let mut walls = Vec::new();
         let mut luminaires: Vec<Luminaire> = self.luminaires.iter().map(|l| l.value.clone()).collect();
+        for EnvironmentDescription { name, image, rotation, power } in &self.environments {
+            let light = environment(&image.value, *rotation).map_err(|e| scene.at_line(image.line, e))?;
+            luminaires.push(Luminaire { name: name.clone(), shape: LuminaireShape::Environment(light), power: *power });
+        }
         for wall in &self.walls {
             let shape = match &wall.shape {
                 WallShape::Ready(shape) => shape.clone(),
@@ -112,7 +134,23 @@ impl Surroundings {
 
 const FACES: [&str; 6] = ["-x", "+x", "-y", "+y", "-z", "+z"];
 const SHAPES: [&str; 6] = ["room", "box", "rectangle", "sphere", "mesh", "isosurface"];
-const LIGHTS: [&str; 4] = ["rectangle", "sphere", "point", "directional"];
+const LIGHTS: [&str; 5] = ["rectangle", "sphere", "point", "directional", "environment"];
+const KEYS_OF_LUMINAIRES: [&str; 14] = [
+    "image",
+    "rotation",
+    "name",
+    "shape",
+    "power",
+    "irradiance",
+    "colour",
+    "corner",
+    "u",
+    "v",
+    "centre",
+    "radius",
+    "position",
+    "direction",
+];
 const COMMON: [&str; 7] = ["name", "shape", "material", "albedo", "reflectance", "index", "emission"];
 
 pub(super) fn read(all: &Section<'_>) -> Result<Surroundings> {
@@ -134,7 +172,11 @@ pub(super) fn read(all: &Section<'_>) -> Result<Surroundings> {
     if let Some(item) = all.get("luminaires") {
         let list = item.list().ok_or_else(|| item.refuse("tables", "write [[luminaires]] on a line of its own"))?;
         for (i, item) in list.iter().enumerate() {
-            out.luminaires.push(luminaire(item, &format!("light{}", i + 1))?);
+            let otherwise = format!("light{}", i + 1);
+            match environment(item, &otherwise)? {
+                Some(environment) => out.environments.push(environment),
+                None => out.luminaires.push(luminaire(item, &otherwise)?),
+            }
         }
     }
     let names = out.walls.iter().filter(|w| w.emission.is_some()).map(|w| &w.name);
@@ -339,22 +381,31 @@ pub(super) fn rotation(section: &Section<'_>) -> Result<DMat3> {
     Ok(DMat3::from_cols(turned(DVec3::X), turned(DVec3::Y), turned(DVec3::Z)))
 }
 
+/// An environment among the luminaires; `None` for one of another shape.
+fn environment(item: &Item<'_>, otherwise: &str) -> Result<Option<EnvironmentDescription>> {
+    let shape = item.section(&KEYS_OF_LUMINAIRES)?.get("shape").map(|shape| shape.word(&LIGHTS)).transpose()?;
+    if shape != Some("environment") {
+        return Ok(None);
+    }
+    let section = item.section(&["name", "shape", "image", "rotation", "power", "colour"])?;
+    let name = name(&section, item, otherwise)?.value;
+    let image = required(&section, item, "image", "an environment luminaire has image, a file or a name such as sky")?;
+    let numbers = |key: &str| {
+        let given = section.get(key);
+        given.map(|v| colour(&v, 1e30, "numbers that are not negative", "1 leaves the image as it is")).transpose()
+    };
+    let (power, tint) = (numbers("power")?.unwrap_or([1.0; 3]), numbers("colour")?.unwrap_or([1.0; 3]));
+    Ok(Some(EnvironmentDescription {
+        name,
+        image: Located { value: image.text()?.to_string(), line: image.line() },
+        rotation: section.get("rotation").map(|r| r.number()).transpose()?.unwrap_or(0.0),
+        power: std::array::from_fn(|c| power[c] * tint[c]),
+    }))
+}
+
 fn luminaire(item: &Item<'_>, otherwise: &str) -> Result<Located<Luminaire>> {
-    const ALL: [&str; 12] = [
-        "name",
-        "shape",
-        "power",
-        "irradiance",
-        "colour",
-        "corner",
-        "u",
-        "v",
-        "centre",
-        "radius",
-        "position",
-        "direction",
-    ];
-    let shape = required(&item.section(&ALL)?, item, "shape", "write shape = \"rectangle\"")?.word(&LIGHTS)?;
+    let shape =
+        required(&item.section(&KEYS_OF_LUMINAIRES)?, item, "shape", "write shape = \"rectangle\"")?.word(&LIGHTS)?;
     let own: &[&str] = match shape {
         "rectangle" => &["power", "corner", "u", "v"],
         "sphere" => &["power", "centre", "radius"],

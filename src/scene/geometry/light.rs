@@ -1,8 +1,10 @@
 //! How light leaves luminaires: samples towards a point, their density, and rays that meet a luminaire.
 
 use super::primitive::{Flat, Primitive, sphere};
-use super::{Geometry, Luminaire, LuminaireShape, TOUCHING};
+use super::{DistantLight, Geometry, Luminaire, LuminaireShape, Partner, TOUCHING};
 use crate::error::{Error, Result};
+use crate::geom::{Bounds, Direction};
+use crate::sampling::warp;
 use crate::volume::Volume;
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -22,6 +24,8 @@ enum Body {
     Sphere { centre: DVec3, radius: f64 },
     Point { position: DVec3 },
     Directional { towards: DVec3 },
+    // Its strength is a factor.
+    Environment(DistantLight),
 }
 
 /// Light of one luminaire that would arrive at a point, if nothing is between.
@@ -35,6 +39,16 @@ pub struct ArrivingLight {
     pub value: [f64; 3],
     /// Density of the direction per steradian; `None` where no other technique could find it (points, parallel light).
     pub density: Option<f64>,
+}
+
+/// A photon as it leaves a luminaire.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LeavingPhoton {
+    pub(crate) origin: DVec3,
+    /// Of unit length up to rounding.
+    pub(crate) direction: DVec3,
+    /// Radiance times area (in world units) times steradian, of each channel: all of the luminaire's, for one photon.
+    pub(crate) flux: [f64; 3],
 }
 
 /// A ray that met a luminaire.
@@ -93,6 +107,9 @@ impl Emitter {
                     return refuse("no direction".into(), "a direction of a length above 0", "correct the direction");
                 }
                 Self { body: Body::Directional { towards }, strength: luminaire.power }
+            }
+            LuminaireShape::Environment(light) => {
+                Self { body: Body::Environment(light.clone()), strength: luminaire.power }
             }
             LuminaireShape::Wall(wall) => {
                 if of_wall.is_empty() {
@@ -186,6 +203,17 @@ impl Emitter {
                 value: self.strength,
                 density: None,
             }),
+            Body::Environment(light) => {
+                let sample = light.source().sample(u)?;
+                let density = f64::from(sample.density);
+                let radiance = sample.radiance.map(f64::from);
+                Some(ArrivingLight {
+                    direction: sample.direction.vec().as_dvec3().normalize_or(DVec3::Z),
+                    distance: f64::INFINITY,
+                    value: std::array::from_fn(|c| self.strength[c] * radiance[c] / density),
+                    density: Some(density),
+                })
+            }
         }
     }
 
@@ -201,32 +229,60 @@ impl Emitter {
         }
     }
 
-    /// A ray of a photon: origin, direction, and whether it exists; of density cosine/(π A) where there is an area.
-    pub(super) fn leaving(&self, place: [f32; 2], local: DVec3) -> Option<(DVec3, DVec3)> {
-        let leave = |point: DVec3, normal: DVec3| {
+    /// A photon, where the scene lies within a sphere.
+    fn photon(&self, place: [f32; 2], way: [f32; 2], (middle, radius): (DVec3, f64)) -> LeavingPhoton {
+        let leave = |point: DVec3, normal: DVec3, area: f64| {
+            let local = warp::square_to_cosine_hemisphere(way).as_dvec3();
             let tangent = normal.any_orthonormal_vector();
-            (point, local.x * tangent + local.y * normal.cross(tangent) + local.z * normal)
+            let direction = local.x * tangent + local.y * normal.cross(tangent) + local.z * normal;
+            // Φ = π A L of a diffuse source.
+            LeavingPhoton { origin: point, direction, flux: self.strength.map(|l| l * PI * area) }
         };
         match &self.body {
-            Body::Parts { parts, upto, .. } => {
+            Body::Parts { parts, upto, area, .. } => {
                 let u = place.map(f64::from);
                 let i = upto.partition_point(|share| *share <= u[0]).min(parts.len() - 1);
                 let before = if i == 0 { 0.0 } else { upto[i - 1] };
                 let within = ((u[0] - before) / (upto[i] - before).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
                 let point = parts[i].point([within, u[1]]);
-                Some(leave(point, parts[i].normal(point)))
+                leave(point, parts[i].normal(point), *area)
             }
             Body::Sphere { centre, radius } => {
                 let primitive = Primitive::Sphere { centre: *centre, radius: *radius };
                 let point = primitive.point(place.map(f64::from));
-                Some(leave(point, primitive.normal(point)))
+                leave(point, primitive.normal(point), primitive.area())
             }
-            Body::Point { position } => Some((
-                *position,
-                crate::sampling::warp::square_to_uniform_sphere(place).as_dvec3().normalize_or(DVec3::Z),
-            )),
-            Body::Directional { .. } => None,
+            Body::Point { position } => LeavingPhoton {
+                origin: *position,
+                direction: warp::square_to_uniform_sphere(way).as_dvec3().normalize_or(DVec3::Z),
+                flux: self.strength.map(|i| i * 4.0 * PI),
+            },
+            Body::Directional { towards } => LeavingPhoton {
+                origin: outside(*towards, place, (middle, radius)),
+                direction: -*towards,
+                flux: self.strength.map(|e| e * PI * radius * radius),
+            },
+            Body::Environment(light) => {
+                let dark = LeavingPhoton { origin: middle, direction: DVec3::Z, flux: [0.0; 3] };
+                let Some(sample) = light.source().sample(way) else { return dark };
+                let towards = sample.direction.vec().as_dvec3().normalize_or(DVec3::Z);
+                let area = PI * radius * radius / f64::from(sample.density);
+                LeavingPhoton {
+                    origin: outside(towards, place, (middle, radius)),
+                    direction: -towards,
+                    flux: std::array::from_fn(|c| self.strength[c] * f64::from(sample.radiance[c]) * area),
+                }
+            }
         }
+    }
+
+    /// Radiance from a direction and the density per steradian with which [`Self::arriving`] draws it, of an environment.
+    fn distant(&self, direction: DVec3) -> Option<([f64; 3], f64)> {
+        let Body::Environment(light) = &self.body else { return None };
+        let to = Direction::new(direction.as_vec3())?;
+        let radiance = light.source().radiance(to).map(f64::from);
+        let value = std::array::from_fn(|c| self.strength[c] * radiance[c]);
+        Some((value, f64::from(light.source().density(to))))
     }
 }
 
@@ -241,6 +297,13 @@ impl Body {
         let upto = parts.iter().map(share).collect();
         Self::Parts { parts, upto, area, is_wall }
     }
+}
+
+/// A point of the disk across a direction, as wide as a sphere, that touches it on the side of the light.
+fn outside(towards: DVec3, place: [f32; 2], (middle, radius): (DVec3, f64)) -> DVec3 {
+    let disk = warp::square_to_uniform_disk(place).as_dvec2();
+    let tangent = towards.any_orthonormal_vector();
+    middle + radius * (towards + disk.x * tangent + disk.y * towards.cross(tangent))
 }
 
 /// Distance and unit vector from one point to another; `None` where they coincide.
@@ -269,7 +332,11 @@ impl Geometry {
     fn exponent(&self, l: usize, size: f64) -> i32 {
         let emitter = &self.emitters[l];
         let largest = emitter.strength.into_iter().fold(0.0, f64::max);
-        let largest = if let Body::Point { .. } = emitter.body { largest / (size * size) } else { largest };
+        let largest = match &emitter.body {
+            Body::Point { .. } => largest / (size * size),
+            Body::Environment(light) => (0..3).map(|c| emitter.strength[c] * light.bound()[c]).fold(0.0, f64::max),
+            _ => largest,
+        };
         if largest > 0.0 && largest.is_finite() { libm::frexp(largest).1 } else { 0 }
     }
 
@@ -296,6 +363,16 @@ impl Geometry {
             }
         }
         best
+    }
+
+    /// Hands the radiance of each environment among the luminaires from a direction to `add`, with the density per steradian with which
+    /// [`Self::arriving`] draws that direction.
+    pub(crate) fn each_distant(&self, direction: DVec3, add: &mut dyn FnMut(usize, [f64; 3], f64)) {
+        for (l, emitter) in self.emitters.iter().enumerate() {
+            if let Some((radiance, density)) = emitter.distant(direction) {
+                add(l, radiance, density);
+            }
+        }
     }
 
     /// The cosine under which a ray meets the front of luminaire `l` at a point.
@@ -327,9 +404,22 @@ impl Geometry {
         })
     }
 
-    /// Origin and direction of a photon of luminaire `l`, with the density of its power: two variates for the place and a
-    /// cosine-distributed direction about the z axis. `None` for parallel light, which has no place.
-    pub fn photon(&self, l: usize, place: [f32; 2], local: DVec3) -> Option<(DVec3, DVec3)> {
-        self.emitters[l].leaving(place, local)
+    /// A photon of luminaire `l` from two variates for the place and two for the direction, where the scene lies within a sphere
+    /// (centre and radius); parallel light crosses all of that.
+    pub(crate) fn photon(&self, l: usize, place: [f32; 2], way: [f32; 2], sphere: (DVec3, f64)) -> LeavingPhoton {
+        self.emitters[l].photon(place, way, sphere)
+    }
+
+    /// Centre and radius of a sphere around `bounds`, all volumes beside it, all walls and all bodies of luminaires.
+    pub(crate) fn sphere_around(&self, bounds: Bounds) -> (DVec3, f64) {
+        let of_emitters = self.emitters.iter().filter_map(Emitter::bounds);
+        let boxes = self.primitives.iter().map(Primitive::bounds).chain(of_emitters);
+        let all = boxes.fold(bounds, |b, [low, high]| b.including(low).including(high));
+        let with_partners = |b: Bounds, p: &Partner| {
+            let other = p.volume.world_bounds();
+            b.including(other.min).including(other.max)
+        };
+        let all = self.partners.iter().fold(all, with_partners);
+        (all.centre(), 0.5 * all.size().length())
     }
 }

@@ -20,8 +20,9 @@ mod primitive;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use light::LeavingPhoton;
 pub use light::{ArrivingLight, LightHit};
-pub use luminaire::{Luminaire, LuminaireShape};
+pub use luminaire::{DistantLight, Luminaire, LuminaireShape};
 pub use mesh::{TriangleMesh, read_mesh};
 pub use partner::{Among, MOST_PARTNERS, Partner};
 pub use primitive::Shape;

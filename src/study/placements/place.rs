@@ -23,27 +23,38 @@ pub enum Placement {
     LevelSets,
     /// As before on n level sets, n³ the cube nearest to the number asked for: as dense across as along.
     ManyLevelSets,
-    /// Anywhere on the diagonal line of the box, from its first sample to its last: deliberately bad. The thesis has
-    /// diagonal planes, a small set at regular distances.
-    Diagonal,
+    /// On the level sets [`THE_NINE`] of the thesis, as many on each that has a surface, evenly by area within each.
+    NineLevelSets,
+    /// On [`PLANES`] planes x + z = const of the unit box, at equal distances and evenly by area: deliberately bad. The thesis has "a
+    /// small set"; ten is our guess.
+    DiagonalPlanes,
+    /// Anywhere on the diagonal line of the box, from its first sample to its last: worse still.
+    DiagonalLine,
     /// On each texel, however many that are.
     Texels,
 }
 
-/// Isosurfaces of [`Placement::LevelSets`]; the fewer, the larger the error at isovalues between them. The thesis takes nine
-/// in 3D, at 0.01, 6.4744, 13.17, 19.3451, 24.8489, 29.5883, 39.0118, 56.6704 and 160.873 (section 4.6), and ten in 2D.
+/// Isosurfaces of [`Placement::LevelSets`]; the fewer, the larger the error at isovalues between them.
 pub const LEVEL_SETS: u32 = 10;
+
+/// Isovalues of the level sets that the thesis samples, of values up to 255 (Beason 2005, section 4.6).
+pub const THE_NINE: [f64; 9] = [0.01, 6.4744, 13.17, 19.3451, 24.8489, 29.5883, 39.0118, 56.6704, 160.873];
+
+/// Planes of [`Placement::DiagonalPlanes`].
+pub const PLANES: u32 = 10;
 
 impl Placement {
     /// All, in the order of tables.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 9] = [
         Self::Texels,
         Self::Extent,
         Self::Stratified,
         Self::Uniform,
         Self::ManyLevelSets,
         Self::LevelSets,
-        Self::Diagonal,
+        Self::NineLevelSets,
+        Self::DiagonalPlanes,
+        Self::DiagonalLine,
     ];
 
     /// A short name.
@@ -54,18 +65,26 @@ impl Placement {
             Self::Extent => "cell extent",
             Self::LevelSets => "level sets",
             Self::ManyLevelSets => "many level sets",
-            Self::Diagonal => "diagonal",
+            Self::NineLevelSets => "level sets 9",
+            Self::DiagonalPlanes => "diagonal planes",
+            Self::DiagonalLine => "diagonal line",
             Self::Texels => "texels",
         }
     }
 
     /// RMS % that Beason (2005) found on the bump box in his box at isovalue 47, with 10⁶ samples and a texture of 100³
-    /// (table 4.2). His 9.55 for diagonal planes has no counterpart here.
+    /// (table 4.2).
     pub fn of_the_thesis(self) -> Option<f64> {
         match self {
             Self::Uniform => Some(1.29),
-            Self::LevelSets => Some(3.59),
-            Self::Diagonal | Self::Stratified | Self::Extent | Self::ManyLevelSets | Self::Texels => None,
+            Self::NineLevelSets => Some(3.59),
+            Self::DiagonalPlanes => Some(9.55),
+            Self::DiagonalLine
+            | Self::LevelSets
+            | Self::Stratified
+            | Self::Extent
+            | Self::ManyLevelSets
+            | Self::Texels => None,
         }
     }
 }
@@ -98,15 +117,47 @@ pub fn place(
             let at = |i: u32, a: usize| (box_of(i)[a] + units(i)[a]) / f64::from(n) * last[a];
             (0..n * n * n).map(|i| [0, 1, 2].map(|a| at(i, a))).collect()
         }
-        Placement::Diagonal => (0..samples).map(|i| last.map(|l| unit(i, 0) * l)).collect(),
+        Placement::DiagonalPlanes => (0..samples).map(|i| on_planes(units(i))).map(|p| scaled(p, last)).collect(),
+        Placement::DiagonalLine => (0..samples).map(|i| last.map(|l| unit(i, 0) * l)).collect(),
         Placement::Texels => {
             let [mx, my, mz] = lattice.texels();
             (0..mx * my * mz).map(|i| lattice.grid_from_texel([i % mx, i / mx % my, i / mx / my])).collect()
         }
         Placement::Extent => by_extent(volume, samples, &units),
-        Placement::LevelSets => on_level_sets(volume, LEVEL_SETS, samples, &units)?,
-        Placement::ManyLevelSets => on_level_sets(volume, cube_root(samples), samples, &units)?,
+        Placement::LevelSets => on_level_sets(volume, &random_isovalues(volume, LEVEL_SETS, &units), samples, &units)?,
+        Placement::ManyLevelSets => {
+            on_level_sets(volume, &random_isovalues(volume, cube_root(samples), &units), samples, &units)?
+        }
+        Placement::NineLevelSets => on_level_sets(volume, &THE_NINE, samples, &units)?,
     })
+}
+
+fn scaled(p: [f64; 3], by: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|a| p[a] * by[a])
+}
+
+/// A point of the planes of the unit box: the plane x + z = s has the length √2 min(s, 2 − s) across, times 1 along y.
+fn on_planes([u, v, w]: [f64; 3]) -> [f64; 3] {
+    let place = |k: u32| (f64::from(k) + 0.5) * 2.0 / f64::from(PLANES);
+    let width = |k: u32| place(k).min(2.0 - place(k));
+    let all: f64 = (0..PLANES).map(width).sum();
+    let mut left = u * all;
+    let mut k = 0;
+    while k + 1 < PLANES && left >= width(k) {
+        left -= width(k);
+        k += 1;
+    }
+    let s = place(k);
+    let x = (s - 1.0).max(0.0) + width(k) * v;
+    [x, w, s - x]
+}
+
+/// One isovalue anywhere in each equal part of the range.
+fn random_isovalues(volume: &Volume, sets: u32, units: &dyn Fn(u32) -> [f64; 3]) -> Vec<f64> {
+    let (low, high) = volume.value_range();
+    // Items beyond those of the samples.
+    let share = |k: u32| (f64::from(k) + units(u32::MAX - k)[0]) / f64::from(sets);
+    (0..sets).map(|k| low + share(k) * (high - low)).collect()
 }
 
 fn cube_root(count: u32) -> u32 {
@@ -159,13 +210,18 @@ fn by_extent(volume: &Volume, samples: u32, units: &dyn Fn(u32) -> [f64; 3]) -> 
     out
 }
 
-fn on_level_sets(volume: &Volume, sets: u32, samples: u32, units: &dyn Fn(u32) -> [f64; 3]) -> Result<Vec<[f64; 3]>> {
-    let (low, high) = volume.value_range();
+/// As many samples on each level set that has a surface, evenly by area.
+fn on_level_sets(
+    volume: &Volume,
+    isovalues: &[f64],
+    samples: u32,
+    units: &dyn Fn(u32) -> [f64; 3],
+) -> Result<Vec<[f64; 3]>> {
     let mut out = Vec::with_capacity(samples as usize);
-    for k in 0..sets {
-        // Items beyond those of the samples.
-        let share = (f64::from(k) + units(u32::MAX - k)[0]) / f64::from(sets);
-        let mesh = extract(volume, low + share * (high - low))?;
+    let meshes = isovalues.iter().map(|&c| extract(volume, c)).collect::<Result<Vec<_>>>()?;
+    let meshes: Vec<_> = meshes.into_iter().filter(|mesh| !mesh.triangles.is_empty()).collect();
+    let sets = meshes.len();
+    for (k, mesh) in meshes.into_iter().enumerate() {
         let world = |v: u32| {
             let p = mesh.positions_in_grid[v as usize].map(f64::from);
             (DVec3::from_array(p), volume.world_from_grid().point(DVec3::from_array(p)))
@@ -180,9 +236,7 @@ fn on_level_sets(volume: &Volume, sets: u32, samples: u32, units: &dyn Fn(u32) -
         if sum <= 0.0 {
             continue;
         }
-        for i in
-            (samples as u64 * u64::from(k) / u64::from(sets))..(samples as u64 * u64::from(k + 1) / u64::from(sets))
-        {
+        for i in (samples as u64 * k as u64 / sets as u64)..(samples as u64 * (k as u64 + 1) / sets as u64) {
             let [u, v, w] = units(i as u32);
             let t = sums.partition_point(|s| *s <= u * sum).min(sums.len() - 1);
             let [a, b, c] = mesh.triangles[t].map(|v| world(v).0);

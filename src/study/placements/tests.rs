@@ -1,3 +1,4 @@
+use super::place::THE_NINE;
 use super::*;
 use crate::sampling::statistics::{Running, log_log_slope, sidak, t_within};
 use crate::scene::SceneDescription;
@@ -13,7 +14,10 @@ fn box_scene() -> Geometry {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/scenes/box.toml");
     let scene = SceneDescription::parse(&std::fs::read_to_string(file).unwrap(), "box.toml").unwrap();
     let none = || Error::argument("file", "none", "no file", "none is named");
-    scene.surroundings.assemble(&scene, 1.0, &mut |_, _| Err(none()), &mut |_, _| Err(none())).unwrap()
+    scene
+        .surroundings
+        .assemble(&scene, 1.0, &mut |_, _| Err(none()), &mut |_, _| Err(none()), &mut |_, _| Err(none()))
+        .unwrap()
 }
 
 #[test]
@@ -35,7 +39,35 @@ fn placements_lie_where_they_say() {
             _ => assert_eq!(placed.len(), 5000),
         }
     }
-    assert!(of(Placement::Diagonal, 100).iter().all(|[x, y, z]| x == y && y == z));
+    assert!(of(Placement::DiagonalLine, 100).iter().all(|[x, y, z]| x == y && y == z));
+    // On planes x + z = (k + ½)/5 of the unit box, as dense on each.
+    let mut on_each = [0; 10];
+    for [x, _, z] in of(Placement::DiagonalPlanes, 5000) {
+        let k = (x + z) / 19.0 * 5.0 - 0.5;
+        assert!((k - k.round()).abs() < 1e-9, "{k}");
+        on_each[k.round() as usize] += 1;
+    }
+    for (k, count) in on_each.into_iter().enumerate() {
+        let s = (k as f64 + 0.5) / 5.0;
+        // Widths 0.1, 0.3, … 0.9, 0.9, … 0.1 of 5.
+        let share = s.min(2.0 - s) / 5.0;
+        let allowed = 4.0 * (5000.0 * share * (1.0 - share)).sqrt();
+        assert!((f64::from(count) - 5000.0 * share).abs() < allowed, "{k}: {count}");
+    }
+    // On the nine level sets of the thesis, as many on each.
+    let value = |p: [f64; 3]| {
+        with_samples!(volume.samples(), s => {
+            let pyramid = Pyramid::new(&volume);
+            let field = LevelField::new(&volume, s, &pyramid);
+            volume.value_from_raw(f64::from(field.raw_value(&field.locate(p))))
+        })
+    };
+    let nine = of(Placement::NineLevelSets, 900);
+    for (i, p) in nine.iter().enumerate().step_by(50) {
+        // Vertices lie on the level set; between them it is trilinear, and the triangle is not.
+        let expected = THE_NINE[i / 100];
+        assert!((value(*p) - expected).abs() < 0.1 * expected + 1.0, "{i}: {} {expected}", value(*p));
+    }
     // One in each of 17³ boxes.
     let mut boxes: Vec<[usize; 3]> =
         of(Placement::Stratified, 5000).iter().map(|p| p.map(|v| (v / 19.0 * 17.0) as usize)).collect();
@@ -131,7 +163,7 @@ fn placements_rank_as_in_the_thesis() {
     let samples = 48 * 48 * 48;
     let uniform = errors(Placement::Uniform, samples, 6);
     let level_sets = errors(Placement::LevelSets, samples, 14);
-    let diagonal = errors(Placement::Diagonal, samples, 3);
+    let diagonal = errors(Placement::DiagonalLine, samples, 3);
     for (name, a, b) in
         [("uniform < level sets", &uniform, &level_sets), ("level sets < diagonal", &level_sets, &diagonal)]
     {

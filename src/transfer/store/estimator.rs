@@ -20,6 +20,9 @@ pub enum EstimatorIdentity {
         among: Surroundings,
         /// Whether paths from luminaires through mirrors and glass count.
         caustics: bool,
+        /// Photons sent out for such light as no path finds; none where paths find all.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        photons: Option<u32>,
     },
     /// The texture as radiance cache. Texels depend on their neighbours, so which isosurfaces are baked together counts.
     Gather {
@@ -82,8 +85,11 @@ impl EstimatorIdentity {
     /// 2: paths go on about the normal of the trilinear facet that they met, and a ray may leave the solid that it starts into
     /// by one cell (before, about the smoothed normal, and by four); rays from hits have a control variate, and errors of the
     /// layers above 0 owe little to how many paths happened to escape.
+    ///
+    /// 3, among walls: chains of mirrors and glass end by roulette, and are cut at 4096 (before, at 64).
     pub fn revision(&self) -> u32 {
         match self {
+            Self::ScenePath { among: Surroundings::Walls, .. } => 3,
             Self::Path { .. } | Self::ScenePath { .. } | Self::Gather { .. } | Self::Photon { .. } => 2,
             Self::Custom { .. } => first_revision(),
         }
@@ -117,9 +123,10 @@ impl fmt::Display for EstimatorIdentity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Path { shadowing } => write!(f, "path{}", shadowing.ending()),
-            Self::ScenePath { among, caustics } => {
+            Self::ScenePath { among, caustics, photons } => {
                 let what = if *among == Surroundings::Volumes { "volumes" } else { "walls" };
-                write!(f, "path among {what}{}", if *caustics { "" } else { "; caustics left out" })
+                write!(f, "path among {what}{}", if *caustics { "" } else { "; caustics left out" })?;
+                photons.map_or(Ok(()), |photons| write!(f, "; {photons} photons"))
             }
             Self::Gather { passes, cache_rays, rays, isovalues, shadowing } => {
                 let list = |l: &Vec<f64>| l.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
@@ -157,7 +164,7 @@ fn parse(text: &str) -> Option<EstimatorIdentity> {
         };
         let among = [("walls", Surroundings::Walls), ("volumes", Surroundings::Volumes)];
         let among = among.into_iter().find(|(name, _)| *name == what)?.1;
-        return Some(EstimatorIdentity::ScenePath { among, caustics });
+        return Some(EstimatorIdentity::ScenePath { among, caustics, photons: None });
     }
     let ends = |s: &&Shadows| **s != Shadows::Found && text.ends_with(s.ending());
     let shadowing = Shadows::ALL.iter().find(ends).copied().unwrap_or_default();
@@ -213,10 +220,13 @@ mod tests {
             ("path", EstimatorIdentity::Path { shadowing: Shadows::Found }),
             ("path; shadowing ignored", EstimatorIdentity::Path { shadowing: Shadows::Ignored }),
             ("path; solids declared convex", EstimatorIdentity::Path { shadowing: Shadows::Convex }),
-            ("path among walls", EstimatorIdentity::ScenePath { among: Surroundings::Walls, caustics: true }),
+            (
+                "path among walls",
+                EstimatorIdentity::ScenePath { among: Surroundings::Walls, caustics: true, photons: None },
+            ),
             (
                 "path among volumes; caustics left out",
-                EstimatorIdentity::ScenePath { among: Surroundings::Volumes, caustics: false },
+                EstimatorIdentity::ScenePath { among: Surroundings::Volumes, caustics: false, photons: None },
             ),
             (
                 "photon: 4096 sent out, 64 to a texel",

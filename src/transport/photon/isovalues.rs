@@ -33,7 +33,8 @@ impl Isovalues {
         let mut extents: Vec<f32> = with_samples!(volume.samples(), s => {
             let mut all = Vec::new();
             for_cells(s, volume.dims(), 0..volume.dims()[2].saturating_sub(1), &mut |low, high| {
-                if low < c && c < high {
+                // A level set may run through samples.
+                if low <= c && c <= high && low < high {
                     all.push(high - low);
                 }
             });

@@ -1,19 +1,34 @@
 //! Sending out the photons.
 
 use super::energy::{PhotonEnergy, tally};
+use super::flight::{Flight, Landing, Sent};
 use super::isovalues::{IsovalueDensity, Isovalues};
-use super::packing::Photon;
-use super::space::{Entry, Space};
+use super::packing::{Origin, Photon};
+use super::space::Space;
 use super::tree::Tree;
 use crate::error::{Error, Result};
 use crate::geom::{Frame, Normal};
-use crate::level::{Counts, LevelField, Outcome, Pyramid, Start};
+use crate::level::{Counts, LevelField, Pyramid};
 use crate::sampling::{DirectionalSource, PathSampler, warp};
+use crate::scene::geometry::{Geometry, LeavingPhoton};
 use crate::transport::Progress;
+use crate::transport::scene_path::World;
 use crate::volume::{Sample, Volume, with_samples};
-use glam::Vec3;
+use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::atomic::Ordering;
+
+/// Which hits a photon map keeps. Those of light by way of mirrors and glass alone (caustics) are kept apart from others.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kept {
+    /// All.
+    #[default]
+    All,
+    /// Those of indirect light, which a wall or level set has reflected diffusely before, and caustics.
+    Indirect,
+    /// Those of light that a mirror or glass was the first to meet.
+    BeganSpecular,
+}
 
 /// What a photon map is asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,11 +41,13 @@ pub struct PhotonSettings {
     pub isovalues: Isovalues,
     /// γ of κ = γ · extent(box) / extent(isovalues): how far photons of other isovalues are off.
     pub gamma: f32,
-    /// Hits are kept from this many reflections on: 0 for all light, 1 for indirect light alone.
-    pub first_bounce: u32,
-    /// Reflections after which a photon is cut.
+    /// Which hits are kept.
+    pub kept: Kept,
+    /// Reflections by level sets after which a photon is cut.
     pub most_bounces: u32,
-    /// Whether roulette by the albedo ends photons; otherwise all go on, dimmed.
+    /// Factors on the power of each luminaire, in their order; those not given are 1.
+    pub scales: Vec<[f64; 3]>,
+    /// Whether roulette by the albedo of level sets ends photons; otherwise all go on from there, dimmed.
     pub roulette: bool,
     /// Seed of all random numbers.
     pub seed: u64,
@@ -46,8 +63,9 @@ impl Default for PhotonSettings {
             albedo: [0.7; 3],
             isovalues: Isovalues::default(),
             gamma: 1.0,
-            first_bounce: 0,
+            kept: Kept::All,
             most_bounces: 1024,
+            scales: Vec::new(),
             roulette: true,
             seed: 0,
             memory_limit: 2 << 30,
@@ -56,12 +74,26 @@ impl Default for PhotonSettings {
 }
 
 impl PhotonSettings {
+    /// Factor on the power of a luminaire.
+    pub(super) fn scale(&self, l: usize) -> [f64; 3] {
+        self.scales.get(l).copied().unwrap_or([1.0; 3])
+    }
+
     fn check(&self) -> Result<()> {
         if !(1..=1 << 30).contains(&self.photons) {
             return Err(Error::argument("photons", self.photons, "1 to 2^30", "a million is a draft"));
         }
         if !self.albedo.iter().all(|a| (0.0..=1.0).contains(a)) {
             return Err(Error::argument("albedo", format!("{:?}", self.albedo), "numbers from 0 to 1", "give less"));
+        }
+        if !self.scales.iter().flatten().all(|s| s.is_finite() && *s >= 0.0) {
+            let expected = "finite numbers that are not negative";
+            return Err(Error::argument(
+                "scales",
+                format!("{:?}", self.scales),
+                expected,
+                "1 leaves the power as it is",
+            ));
         }
         if !(self.gamma.is_finite() && self.gamma > 0.0) {
             return Err(Error::argument("gamma", self.gamma, "a positive number", "1 is the default"));
@@ -70,47 +102,64 @@ impl PhotonSettings {
     }
 }
 
+/// Where photons come from, and what they meet.
+#[derive(Clone, Copy)]
+pub struct PhotonScene<'a> {
+    /// The volume on whose level sets they are kept.
+    pub volume: &'a Volume,
+    /// Its pyramid.
+    pub pyramid: &'a Pyramid,
+    /// Walls, luminaires and other volumes around it; none for a volume alone.
+    pub geometry: Option<&'a Geometry>,
+    /// The environment, if there is light from it.
+    pub light: Option<&'a dyn DirectionalSource>,
+}
+
+impl<'a> PhotonScene<'a> {
+    /// A volume alone under an environment.
+    pub fn alone(volume: &'a Volume, pyramid: &'a Pyramid, light: &'a dyn DirectionalSource) -> Self {
+        Self { volume, pyramid, geometry: None, light: Some(light) }
+    }
+}
+
 /// Photons of all isovalues, in four dimensions.
 pub struct PhotonMap {
     pub(super) tree: Tree<Photon>,
+    // Of light by way of mirrors and glass alone.
+    pub(super) caustics: Tree<Photon>,
     pub(super) space: Space,
     pub(super) settings: PhotonSettings,
     // Isovalues drawn from, in ranges.
     pub(super) drawn: [f64; 2],
     // +1 where raw samples rise into the solid.
     pub(super) sign: f64,
-    energy: PhotonEnergy,
+    // Of the environment, then of each luminaire.
+    energies: Vec<PhotonEnergy>,
     counts: Counts,
 }
 
 /// Photons traced by one task.
 const TASK: u32 = 4096;
 /// Tasks whose photons are held beside the map before they are added to it.
-const TASKS: u32 = 64;
+const TASKS: usize = 64;
 
-/// Pairs of random numbers: direction and disk share a sequence of four dimensions; the isovalue has its own; then two
-/// for each reflection.
+/// Pairs of random numbers: direction and place share a sequence of four dimensions; the isovalue has its own; then two
+/// for each reflection, from 4 on.
 const DIRECTION: u32 = 0;
 const DISK: u32 = 1;
 const ISOVALUE: u32 = 2;
-const REFLECTIONS: u32 = 4;
 
 impl PhotonMap {
-    /// Sends out photons of a light and keeps where they land.
+    /// Sends out photons and keeps where they land.
     ///
-    /// The same map for any number of threads. Without light (a black environment) it is empty.
+    /// The same map for any number of threads. Without light it is empty.
     ///
     /// # Errors
     /// When the settings are not as [`PhotonSettings`] says, the volume has no cells or no isosurface in the range, or
     /// more photons land than memory is allowed for.
-    pub fn new(
-        volume: &Volume,
-        pyramid: &Pyramid,
-        light: &dyn DirectionalSource,
-        settings: &PhotonSettings,
-    ) -> Result<Self> {
+    pub fn new(scene: &PhotonScene<'_>, settings: &PhotonSettings) -> Result<Self> {
         // Nobody else has this progress to cancel.
-        let made = Self::watched(volume, pyramid, light, settings, &Progress::default())?;
+        let made = Self::watched(scene, settings, &Progress::default())?;
         made.ok_or_else(|| Error::argument("photons", "cancelled", "a map", "send them out again"))
     }
 
@@ -118,46 +167,51 @@ impl PhotonMap {
     ///
     /// # Errors
     /// As [`PhotonMap::new`].
-    pub fn watched(
-        volume: &Volume,
-        pyramid: &Pyramid,
-        light: &dyn DirectionalSource,
-        settings: &PhotonSettings,
-        progress: &Progress,
-    ) -> Result<Option<Self>> {
+    pub fn watched(scene: &PhotonScene<'_>, settings: &PhotonSettings, progress: &Progress) -> Result<Option<Self>> {
+        let volume = scene.volume;
         settings.check()?;
         volume.check_cells()?;
+        let nothing = Geometry::new(Vec::new(), Vec::new(), 1.0)?;
+        let geometry = scene.geometry.unwrap_or(&nothing);
         let density = IsovalueDensity::new(volume, &settings.isovalues)?;
-        let space = Space::new(volume);
-        let (mut photons, mut energy, mut counts) = (Vec::new(), PhotonEnergy::default(), Counts::default());
+        let (space, sphere) = (Space::new(volume), geometry.sphere_around(volume.world_bounds()));
+        let mut all = Part::new(geometry);
         with_samples!(volume.samples(), s => {
-            let field = LevelField::new(volume, s, pyramid);
-            let emission = Emission { field: &field, space: &space, density: &density, light, settings };
-            let tasks = settings.photons.div_ceil(TASK);
-            for first in (0..tasks).step_by(TASKS as usize) {
-                let last = (first + TASKS).min(tasks);
-                let parts: Vec<Part> = (first..last).into_par_iter().map(|task| emission.watched(task, progress)).collect();
+            let field = LevelField::new(volume, s, scene.pyramid);
+            let world = World::new(volume, &field, geometry);
+            let (world, space, density, light) = (&world, &space, &density, scene.light);
+            let emission = Emission { world, space, density, light, settings, sphere };
+            let tasks = Task::of(&emission.shares());
+            for (i, group) in tasks.chunks(TASKS).enumerate() {
+                let parts: Vec<Part> = group.into_par_iter().map(|task| emission.watched(task, progress)).collect();
                 if progress.cancel.load(Ordering::Relaxed) {
                     return Ok(None);
                 }
-                let landed: usize = parts.iter().map(|p| p.photons.len()).sum();
-                make_room(&mut photons, landed, f64::from(last) / f64::from(tasks), settings.memory_limit)?;
-                for part in parts {
-                    photons.extend_from_slice(&part.photons);
-                    energy += &part.energy;
-                    counts += part.counts;
-                }
+                let done = ((i * TASKS + group.len()) as f64) / tasks.len() as f64;
+                let landed = [0, 1].map(|kind| parts.iter().map(|p| p.kinds()[kind].len()).sum::<usize>());
+                let limit = settings.memory_limit;
+                make_room(&mut all.photons, landed[0], done, limit)?;
+                make_room(&mut all.caustics, landed[1], done, limit)?;
+                parts.into_iter().for_each(|part| all.add(part));
             }
         });
+        let Part { mut photons, mut caustics, energies, counts } = all;
         photons.shrink_to_fit();
+        caustics.shrink_to_fit();
         let drawn = density.drawn();
         let sign = f64::from(volume.solid_sign());
-        Ok(Some(Self { tree: Tree::new(photons), space, settings: settings.clone(), drawn, sign, energy, counts }))
+        let (tree, caustics) = (Tree::new(photons), Tree::new(caustics));
+        Ok(Some(Self { tree, caustics, space, settings: settings.clone(), drawn, sign, energies, counts }))
     }
 
-    /// Hits kept.
+    /// Hits kept, caustics among them.
     pub fn len(&self) -> usize {
-        self.tree.in_order().len()
+        self.tree.in_order().len() + self.caustics.in_order().len()
+    }
+
+    /// Hits kept of light by way of mirrors and glass alone.
+    pub fn caustics(&self) -> usize {
+        self.caustics.in_order().len()
     }
 
     /// Whether no hit was kept.
@@ -165,14 +219,21 @@ impl PhotonMap {
         self.len() == 0
     }
 
-    /// Bytes of the photons and their tree.
+    /// Bytes of the photons and their trees.
     pub fn bytes(&self) -> u64 {
         (self.len() * size_of::<Photon>()) as u64
     }
 
-    /// Where the light went.
-    pub fn energy(&self) -> &PhotonEnergy {
-        &self.energy
+    /// Where all light went.
+    pub fn energy(&self) -> PhotonEnergy {
+        let mut sum = PhotonEnergy::default();
+        self.energies.iter().for_each(|energy| sum += energy);
+        sum
+    }
+
+    /// Where the light of the environment went, then that of each luminaire in their order.
+    pub fn energies(&self) -> &[PhotonEnergy] {
+        &self.energies
     }
 
     /// Work of the tracer.
@@ -208,138 +269,191 @@ fn make_room(photons: &mut Vec<Photon>, landed: usize, done: f64, limit: u64) ->
 }
 
 /// What one task found.
-#[derive(Default)]
 struct Part {
     photons: Vec<Photon>,
-    energy: PhotonEnergy,
+    caustics: Vec<Photon>,
+    energies: Vec<PhotonEnergy>,
     counts: Counts,
 }
 
-struct Emission<'a, 'v, T> {
-    field: &'a LevelField<'v, T>,
-    space: &'a Space,
-    density: &'a IsovalueDensity,
-    light: &'a dyn DirectionalSource,
-    settings: &'a PhotonSettings,
+impl Part {
+    fn new(geometry: &Geometry) -> Self {
+        let energies = vec![PhotonEnergy::default(); 1 + geometry.luminaires().len()];
+        Self { photons: Vec::new(), caustics: Vec::new(), energies, counts: Counts::default() }
+    }
+
+    fn kinds(&self) -> [&[Photon]; 2] {
+        [&self.photons, &self.caustics]
+    }
+
+    fn add(&mut self, other: Self) {
+        self.photons.extend_from_slice(&other.photons);
+        self.caustics.extend_from_slice(&other.caustics);
+        self.energies.iter_mut().zip(&other.energies).for_each(|(a, b)| *a += b);
+        self.counts += other.counts;
+    }
 }
 
-/// A photon on its way.
-struct Flight {
-    index: u32,
-    isovalue: f32,
-    // Fourth coordinate.
-    height: f32,
-    source: Vec3,
-    flux: [f64; 3],
-    transfer: f64,
+/// Who sends photons out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Source {
+    Environment,
+    Luminaire(usize),
+}
+
+impl Source {
+    /// Its place among the energies: the environment, then the luminaires.
+    fn place(self) -> usize {
+        match self {
+            Self::Environment => 0,
+            Self::Luminaire(l) => 1 + l,
+        }
+    }
+}
+
+struct Emission<'a, 'w, T> {
+    world: &'a World<'w, T>,
+    space: &'a Space,
+    density: &'a IsovalueDensity,
+    light: Option<&'a dyn DirectionalSource>,
+    settings: &'a PhotonSettings,
+    // Centre and radius, around the whole scene.
+    sphere: (DVec3, f64),
+}
+
+/// Photons of a source that one task sends out, of so many in all.
+#[derive(Clone, Copy)]
+struct Task {
+    source: Source,
+    first: u32,
+    last: u32,
+    all: u32,
+}
+
+impl Task {
+    /// All of `photons`, each source's in turn.
+    fn of(shares: &[(Source, u32)]) -> Vec<Self> {
+        let of = |&(source, all): &(Source, u32)| {
+            (0..all).step_by(TASK as usize).map(move |first| Self { source, first, last: (first + TASK).min(all), all })
+        };
+        shares.iter().flat_map(of).collect()
+    }
 }
 
 impl<T: Sample> Emission<'_, '_, T> {
-    /// One task, counted; nothing once `progress` is cancelled.
-    fn watched(&self, task: u32, progress: &Progress) -> Part {
-        if progress.cancel.load(Ordering::Relaxed) {
-            return Part::default();
+    /// How many photons each source sends out: most where most light lands on level sets, as a few of each say.
+    ///
+    /// Any numbers give the same light in the mean; a source whose light comes late, by walls, keeps its share of a
+    /// twentieth.
+    fn shares(&self) -> Vec<(Source, u32)> {
+        const PILOT: u32 = 1024;
+        let geometry = self.world.geometry;
+        let environment = self.light.map(|_| Source::Environment);
+        let luminaires = (0..geometry.luminaires().len()).map(Source::Luminaire).filter(|s| self.has_light(*s));
+        let sources: Vec<Source> = environment.into_iter().chain(luminaires).collect();
+        let photons = self.settings.photons;
+        if let [alone] = sources.as_slice() {
+            return vec![(*alone, photons)];
         }
-        let part = self.task(task);
-        progress.photons.fetch_add(u64::from(TASK.min(self.settings.photons - task * TASK)), Ordering::Relaxed);
+        let landed = |source: &Source| {
+            let mut part = Part::new(geometry);
+            self.task(&Task { source: *source, first: 0, last: PILOT, all: PILOT }, &mut part);
+            let stored = &part.energies[source.place()].stored;
+            stored.iter().flatten().map(|v| v.abs()).sum::<f64>()
+        };
+        let landed: Vec<f64> = sources.iter().map(landed).collect();
+        let (all, n) = (landed.iter().sum::<f64>(), sources.len() as f64);
+        let mut left = photons;
+        let mut counts: Vec<(Source, u32)> = Vec::with_capacity(sources.len());
+        for (source, landed) in sources.into_iter().zip(landed) {
+            let share = if all > 0.0 { 0.95 * landed / all + 0.05 / n } else { 1.0 / n };
+            let count = ((share * f64::from(photons)) as u32).clamp(1, left.max(1));
+            left = left.saturating_sub(count);
+            counts.push((source, count));
+        }
+        if let Some(first) = counts.first_mut() {
+            first.1 += left;
+        }
+        counts
+    }
+
+    /// Whether a luminaire has any power, with the factor on it.
+    fn has_light(&self, source: Source) -> bool {
+        let Source::Luminaire(l) = source else { return true };
+        let flux = self.world.geometry.photon(l, [0.5; 2], [0.5; 2], self.sphere).flux;
+        (0..3).any(|c| flux[c] * self.settings.scale(l)[c] > 0.0)
+    }
+
+    /// One task, counted; nothing once `progress` is cancelled.
+    fn watched(&self, task: &Task, progress: &Progress) -> Part {
+        let mut part = Part::new(self.world.geometry);
+        if progress.cancel.load(Ordering::Relaxed) {
+            return part;
+        }
+        self.task(task, &mut part);
+        progress.photons.fetch_add(u64::from(task.last - task.first), Ordering::Relaxed);
         progress.rays.fetch_add(part.counts.rays, Ordering::Relaxed);
         part
     }
 
-    fn task(&self, task: u32) -> Part {
-        let mut part = Part::default();
-        let sampler = PathSampler::new(self.settings.seed, 0, 0);
-        let first = task * TASK;
-        for index in first..(first + TASK).min(self.settings.photons) {
-            self.send(index, &sampler, &mut part);
+    fn task(&self, task: &Task, part: &mut Part) {
+        let sampler = PathSampler::new(self.settings.seed, task.source.place() as u64, 0);
+        for index in task.first..task.last {
+            self.send(task, index, &sampler, part);
         }
-        part
     }
 
-    fn send(&self, index: u32, sampler: &PathSampler, part: &mut Part) {
-        let Some(sample) = self.light.sample(sampler.pair(index, DIRECTION)) else { return };
-        let Some(towards) = Normal::down_gradient(-sample.direction.vec()) else { return };
+    fn send(&self, task: &Task, index: u32, sampler: &PathSampler, part: &mut Part) {
+        let (way, place) = (sampler.pair(index, DIRECTION), sampler.pair(index, DISK));
         let (share, density) = self.density.sample(sampler.pair(index, ISOVALUE)[0]);
-        // π R² with R half of the diagonal, over the densities.
-        let transfer =
-            std::f64::consts::PI / (4.0 * f64::from(sample.density) * density * f64::from(self.settings.photons));
-        let flux = sample.radiance.map(|l| f64::from(l) * transfer);
-        part.energy.photons += 1;
-        tally(&mut part.energy.emitted, flux);
-        let entry = match self.space.entry(towards, warp::square_to_uniform_disk(sampler.pair(index, DISK))) {
-            Entry::Missed => return tally(&mut part.energy.missed, flux),
-            Entry::At(entry) => self.field.locate(entry.to_array()),
-        };
-        let isovalue = self.space.raw_from_share(share);
-        if self.field.sign() * (self.field.raw_value(&entry) - isovalue) > 0.0 {
-            return tally(&mut part.energy.discarded, flux);
-        }
-        let along = self.field.direction_in_grid(-towards.vec());
-        let flight = Flight {
-            index,
-            isovalue,
-            height: self.settings.gamma * share as f32,
-            source: towards.vec(),
-            flux,
-            transfer,
-        };
-        match self.field.trace(isovalue, &Start::beside(entry), along, &mut part.counts) {
-            Outcome::Escaped => tally(&mut part.energy.escaped, flux),
-            // By rounding at the entry only.
-            Outcome::Lost => tally(&mut part.energy.discarded, flux),
-            Outcome::Hit(hit) => self.reflect(flight, Start::on(hit.at), sampler, part),
-        }
-    }
-
-    /// Follows a photon from its first hit.
-    fn reflect(&self, mut flight: Flight, mut start: Start, sampler: &PathSampler, part: &mut Part) {
-        let albedo = self.settings.albedo.map(f64::from);
-        let survival = if self.settings.roulette { albedo[0].max(albedo[1]).max(albedo[2]) } else { 1.0 };
-        let Some(mut normal) = self.field.hit_normal(&start.at) else {
-            return tally(&mut part.energy.absorbed, flight.flux);
-        };
-        for bounce in 0.. {
-            // Searches compare it with smoothed ones.
-            let smoothed = self.field.normal(&start.at).unwrap_or(normal);
-            self.keep(&flight, &start, smoothed, bounce, part);
-            if bounce == self.settings.most_bounces {
-                return tally(&mut part.energy.cut, flight.flux);
+        // Areas in squared diagonals.
+        let factor = 1.0 / (self.space.diagonal() * self.space.diagonal() * density * f64::from(task.all));
+        let (sent, origin) = match task.source {
+            Source::Environment => {
+                let Some(sample) = self.light.and_then(|light| light.sample(way)) else { return };
+                let Some(towards) = Normal::down_gradient(-sample.direction.vec()) else { return };
+                let (frame, disk) = (Frame::around(towards), warp::square_to_uniform_disk(place).as_dvec2());
+                let (x, y) = (frame.tangent.as_dvec3() * disk.x, frame.bitangent.as_dvec3() * disk.y);
+                let (middle, radius) = self.sphere;
+                let area = std::f64::consts::PI * radius * radius / f64::from(sample.density);
+                let sent = Sent {
+                    origin: middle + radius * (towards.vec().as_dvec3() + x + y),
+                    direction: -towards.vec().as_dvec3().normalize_or(DVec3::Z),
+                    flux: sample.radiance.map(|l| f64::from(l) * area * factor),
+                };
+                (sent, Origin::Environment(towards.vec()))
             }
-            let pair = REFLECTIONS + 2 * bounce;
-            let survives = survival >= 1.0 || f64::from(sampler.pair(flight.index, pair + 1)[0]) < survival;
-            let before = flight.flux;
-            let after = std::array::from_fn(|c| if survives { before[c] * albedo[c] / survival } else { 0.0 });
-            tally(&mut part.energy.absorbed, std::array::from_fn(|c| before[c] - after[c]));
-            if !survives {
+            Source::Luminaire(l) => {
+                let LeavingPhoton { origin, direction, flux } = self.world.geometry.photon(l, place, way, self.sphere);
+                let scale = self.settings.scale(l);
+                let flux = std::array::from_fn(|c| flux[c] * scale[c] * factor);
+                (Sent { origin, direction: direction.normalize_or(DVec3::Z), flux }, Origin::Luminaire(l as u32))
+            }
+        };
+        let Part { photons, caustics, energies, counts } = part;
+        let energy = &mut energies[task.source.place()];
+        energy.photons += 1;
+        tally(&mut energy.emitted, sent.flux);
+        let isovalues = self.world.isovalues(self.space.raw_from_share(share));
+        let height = self.settings.gamma * share as f32;
+        let (world, settings) = (self.world, self.settings);
+        let flight = Flight { world, settings, sampler, index, isovalues: &isovalues };
+        flight.follow(sent, energy, counts, &mut |energy, landing| {
+            let Landing { cell, normal, flux, history } = landing;
+            energy.hits += 1;
+            let is_caustic = history.turns == 0 && history.began_specular;
+            let is_kept = match settings.kept {
+                Kept::All => true,
+                Kept::Indirect => is_caustic || history.turns > 0,
+                Kept::BeganSpecular => history.began_specular,
+            };
+            if !is_kept {
                 return;
             }
-            flight.flux = after;
-            flight.transfer /= survival;
-            let local = warp::square_to_cosine_hemisphere(sampler.pair(flight.index, pair));
-            let towards = Frame::around(normal).from_local(local);
-            let along = self.field.direction_in_grid(towards);
-            match self.field.trace(flight.isovalue, &start, along, &mut part.counts) {
-                Outcome::Escaped => return tally(&mut part.energy.escaped, flight.flux),
-                // It meets the surface where it starts, as in the estimator `path`.
-                Outcome::Lost => part.energy.lost += 1,
-                Outcome::Hit(hit) => {
-                    let Some(there) = self.field.hit_normal(&hit.at) else {
-                        return tally(&mut part.energy.absorbed, flight.flux);
-                    };
-                    (start, normal) = (Start::on(hit.at), there);
-                }
-            }
-        }
-    }
-
-    fn keep(&self, flight: &Flight, start: &Start, normal: Normal, bounce: u32, part: &mut Part) {
-        part.energy.hits += 1;
-        if bounce < self.settings.first_bounce {
-            return;
-        }
-        let [x, y, z] = self.space.unit_from_grid(start.at.in_grid().as_dvec3()).as_vec3().to_array();
-        let point = [x, y, z, flight.height];
-        part.energy.arrive(bounce, flight.flux);
-        part.photons.push(Photon::new(point, flight.flux, flight.transfer, normal.vec(), flight.source, bounce));
+            let [x, y, z] = self.space.unit_from_grid(cell.in_grid().as_dvec3()).as_vec3().to_array();
+            energy.arrive(history.bounces, flux);
+            let photon = Photon::new([x, y, z, height], flux, normal.vec(), origin, history.bounces);
+            if is_caustic { caustics.push(photon) } else { photons.push(photon) }
+        });
     }
 }

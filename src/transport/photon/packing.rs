@@ -1,4 +1,4 @@
-//! What is kept of a photon: 40 bytes.
+//! What is kept of a photon: 36 bytes.
 
 use super::tree::Node;
 use crate::geom::{direction_from_octahedral, octahedral_from_direction};
@@ -7,7 +7,7 @@ use half::f16;
 
 /// A photon where it met its level set.
 ///
-/// The order of a [`super::tree::Tree`] stands in `axis`, so that the tree itself takes no memory.
+/// The order of a [`super::tree::Tree`] stands in two bits of `flags`, so that the tree itself takes no memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub(super) struct Photon {
@@ -15,20 +15,33 @@ pub(super) struct Photon {
     pub(super) point: [f32; 4],
     /// Flux-height as it arrives, of the channel that has the most (of either sign).
     pub(super) flux: f32,
-    /// Flux-height without radiance and albedo: that under L = 1 with survivors of the roulette weighted 1/survival.
-    pub(super) transfer: f32,
     // Octahedral.
     normal: u32,
+    // Octahedral direction to where in the environment it came from, or the number of the luminaire.
     source: u32,
     // Share of the channel that has the most.
     channels: [f16; 3],
-    /// Reflections before this hit, 255 for more.
+    /// Reflections by level sets before this hit, 255 for more.
     pub(super) bounce: u8,
-    /// Coordinate by which the tree splits here.
-    pub(super) axis: u8,
+    // The coordinate by which the tree splits here, and whether it is of a luminaire.
+    flags: u8,
 }
 
-const _: () = assert!(size_of::<Photon>() == 40);
+const _: () = assert!(size_of::<Photon>() == 36);
+
+/// Bits of the coordinate by which the tree splits.
+const AXIS: u8 = 0b11;
+/// It is of a luminaire.
+const LUMINAIRE: u8 = 1 << 2;
+
+/// Where a photon set out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Origin {
+    /// Towards there in the environment.
+    Environment(Vec3),
+    /// The luminaire of this number.
+    Luminaire(u32),
+}
 
 impl Node for Photon {
     #[inline(always)]
@@ -38,28 +51,31 @@ impl Node for Photon {
 
     #[inline(always)]
     fn axis(&self) -> u8 {
-        self.axis
+        self.flags & AXIS
     }
 
     fn split_by(&mut self, axis: u8) {
-        self.axis = axis;
+        self.flags = self.flags & !AXIS | axis;
     }
 }
 
 impl Photon {
-    /// `normal` at the hit; `source` points to where in the environment the photon came from.
-    pub(super) fn new(point: [f32; 4], flux: [f64; 3], transfer: f64, normal: Vec3, source: Vec3, bounce: u32) -> Self {
+    /// One that arrives with a flux-height at a hit with `normal`.
+    pub(super) fn new(point: [f32; 4], flux: [f64; 3], normal: Vec3, origin: Origin, bounces: u32) -> Self {
         let most = flux.into_iter().fold(0.0f64, |m, f| if f.abs() > m.abs() { f } else { m });
         let share = |c: usize| f16::from_f64(if most != 0.0 { flux[c] / most } else { 0.0 });
+        let (source, of_luminaire) = match origin {
+            Origin::Environment(towards) => (octahedral(towards), 0),
+            Origin::Luminaire(l) => (l, LUMINAIRE),
+        };
         Self {
             point,
             flux: most as f32,
-            transfer: transfer as f32,
             normal: octahedral(normal),
-            source: octahedral(source),
+            source,
             channels: [share(0), share(1), share(2)],
-            bounce: bounce.min(255) as u8,
-            axis: 0,
+            bounce: bounces.min(255) as u8,
+            flags: of_luminaire,
         }
     }
 
@@ -73,9 +89,12 @@ impl Photon {
         from_octahedral(self.normal)
     }
 
-    /// Where in the environment it came from.
-    pub(super) fn source(&self) -> Vec3 {
-        from_octahedral(self.source)
+    /// Where it set out.
+    pub(super) fn origin(&self) -> Origin {
+        match self.flags & LUMINAIRE {
+            0 => Origin::Environment(from_octahedral(self.source)),
+            _ => Origin::Luminaire(self.source),
+        }
     }
 }
 
@@ -108,7 +127,8 @@ mod tests {
         for v in [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z] {
             assert!((from_octahedral(octahedral(v)) - v).length() < 1e-6, "{v}");
         }
-        let photon = Photon::new([0.0; 4], [1e-9, 3e-5, 1.5e-5], 2.0, Vec3::X, Vec3::Y, 1000);
+        let away = Origin::Environment(Vec3::Y);
+        let photon = Photon::new([0.0; 4], [1e-9, 3e-5, 1.5e-5], Vec3::X, away, 1000);
         let found = photon.flux_of();
         for (found, expected) in found.iter().zip([1e-9, 3e-5, 1.5e-5]) {
             // Half precision, and its smallest number of the largest channel.
@@ -116,8 +136,19 @@ mod tests {
         }
         assert_eq!(photon.bounce, 255);
         // An environment whose negatives are kept.
-        let negative = Photon::new([0.0; 4], [-4.0, 1.0, 0.0], 2.0, Vec3::X, Vec3::Y, 0);
+        let negative = Photon::new([0.0; 4], [-4.0, 1.0, 0.0], Vec3::X, away, 0);
         assert_eq!(negative.flux_of(), [-4.0, 1.0, 0.0]);
-        assert_eq!(Photon::new([0.0; 4], [0.0; 3], 2.0, Vec3::X, Vec3::Y, 0).flux_of(), [0.0; 3]);
+        assert_eq!(Photon::new([0.0; 4], [0.0; 3], Vec3::X, away, 0).flux_of(), [0.0; 3]);
+    }
+
+    #[test]
+    fn where_a_photon_set_out_survives_the_tree() {
+        for origin in [Origin::Luminaire(31), Origin::Luminaire(0), Origin::Environment(Vec3::Z)] {
+            let mut photon = Photon::new([0.0; 4], [1.0; 3], Vec3::X, origin, 0);
+            for axis in [3, 0, 2, 1] {
+                photon.split_by(axis);
+                assert_eq!((photon.axis(), photon.origin()), (axis, origin));
+            }
+        }
     }
 }

@@ -1,9 +1,8 @@
 //! The space of the photons: lengths in diagonals of the box from its centre, isovalues in ranges of the samples.
 
-use crate::geom::{Affine, Frame, Normal};
-use crate::level::{CellPoint, LevelField};
-use crate::volume::{Sample, Volume};
-use glam::{DMat3, DVec3};
+use crate::geom::Affine;
+use crate::volume::Volume;
+use glam::{DMat3, DVec3, Vec3};
 
 /// Maps between grid and the space of the photons.
 #[derive(Clone, Debug)]
@@ -18,12 +17,6 @@ pub(super) struct Space {
     lowest: f64,
     range: f64,
     last: DVec3,
-}
-
-/// Whether a photon meets the box, and where in grid space.
-pub(super) enum Entry {
-    Missed,
-    At(DVec3),
 }
 
 impl Space {
@@ -81,31 +74,13 @@ impl Space {
         (p - reach).cmpge(DVec3::ZERO).all() && (p + reach).cmple(self.last).all()
     }
 
-    /// Where a photon from `towards` (unit, pointing to the light), that starts at `disk` of the unit disk across it on the
-    /// bounding sphere, enters the box.
-    pub(super) fn entry(&self, towards: Normal, disk: glam::Vec2) -> Entry {
-        let frame = Frame::around(towards);
-        let (x, y) = (frame.tangent.as_dvec3() * f64::from(disk.x), frame.bitangent.as_dvec3() * f64::from(disk.y));
-        let origin = self.grid_from_unit((towards.vec().as_dvec3() + x + y) * 0.5);
-        let direction = self.grid_from_world.vector(-towards.vec().as_dvec3());
-        let direction = direction / direction.length();
-        let (mut near, mut far) = (0.0f64, f64::INFINITY);
-        for a in 0..3 {
-            if direction[a] == 0.0 {
-                if origin[a] < 0.0 || origin[a] > self.last[a] {
-                    return Entry::Missed;
-                }
-                continue;
-            }
-            let (s, t) = (-origin[a] / direction[a], (self.last[a] - origin[a]) / direction[a]);
-            near = near.max(s.min(t));
-            far = far.min(s.max(t));
-        }
-        if near < far { Entry::At(origin + direction * near) } else { Entry::Missed }
+    /// The diagonal of the box in world units.
+    pub(super) fn diagonal(&self) -> f64 {
+        self.diagonal
     }
 
-    /// Length of the field's gradient, in ranges per diagonal.
-    pub(super) fn slope<T: Sample>(&self, field: &LevelField<'_, T>, at: &CellPoint) -> f64 {
-        (self.gradient_from_grid * field.raw_gradient(at).as_dvec3()).length()
+    /// Length of a gradient of the raw samples, in ranges per diagonal.
+    pub(super) fn slope(&self, raw_gradient: Vec3) -> f64 {
+        (self.gradient_from_grid * raw_gradient.as_dvec3()).length()
     }
 }

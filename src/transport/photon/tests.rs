@@ -1,6 +1,9 @@
 //! Closed forms for photons.
 
-use super::packing::Photon;
+mod scenes;
+
+use super::estimate::Kind;
+use super::packing::{Origin, Photon};
 use super::tree::{Nearest, Tree, squared_distance};
 use super::*;
 use crate::geom::{Affine, Direction};
@@ -34,7 +37,7 @@ impl DirectionalSource for Sky {
 const SKY: Sky = Sky { radiance: [1.0, 0.5, 0.25] };
 
 fn photon_at(point: [f32; 4]) -> Photon {
-    Photon::new(point, [1.0; 3], 1.0, Vec3::Z, Vec3::Z, 0)
+    Photon::new(point, [1.0; 3], Vec3::Z, Origin::Environment(Vec3::Z), 0)
 }
 
 /// Sets of points that make trees err: in a box, on a lattice (many ties in every coordinate), all the same but for a
@@ -120,7 +123,7 @@ fn mean_irradiance(volume: &Volume, map: &PhotonMap, search: &PhotonSearch) -> [
         let at = field.locate(at);
         let raw = f64::from(field.raw_value(&at));
         let normal = field.normal(&at).unwrap();
-        let found = map.irradiance(&field, &at, raw, normal, search, &mut nearest);
+        let found = map.irradiance(&field, &at, raw, normal, Kind::Usual, search, &mut nearest);
         for c in 0..3 {
             sum[c] += found.mean[c] / places as f64;
         }
@@ -129,7 +132,7 @@ fn mean_irradiance(volume: &Volume, map: &PhotonMap, search: &PhotonSearch) -> [
 }
 
 fn map_of(volume: &Volume, light: &dyn DirectionalSource, settings: &PhotonSettings) -> PhotonMap {
-    PhotonMap::new(volume, &Pyramid::new(volume), light, settings).unwrap()
+    PhotonMap::new(&PhotonScene::alone(volume, &Pyramid::new(volume), light), settings).unwrap()
 }
 
 /// A box with walls around the planes takes light away from the lower ones; a light from straight above does not.
@@ -172,7 +175,15 @@ fn planes_are_lit_as_they_are_for_any_tilt_of_the_search() {
         }
         let published = PhotonSearch { density: Density::Published, ..search };
         let dark = mean_irradiance(&volume, &map, &published)[0] / found[0];
-        assert!((dark - tilt / (1.0 + tilt * tilt).sqrt()).abs() < 0.01, "κg = {tilt}: published reads {dark}");
+        // All k photons count there: k/(k − 1) times the limit.
+        let (t, of_k) = (tilt / (1.0 + tilt * tilt).sqrt(), 256.0 / 255.0);
+        assert!((dark - t * of_k).abs() < 0.01, "κg = {tilt}: published reads {dark}");
+        // Clipped to the isovalues found, whose extremes do not quite reach those of the ellipsoid: above 2/(3 − t²), by up to
+        // 10 % at 200 photons as an independent simulation found (at κg = 0.1 0.721 for 0.669).
+        let clipped = PhotonSearch { density: Density::PublishedClipped, ..search };
+        let read = mean_irradiance(&volume, &map, &clipped)[0] / found[0];
+        let limit = 2.0 / (3.0 - t * t);
+        assert!((0.99 * limit..1.10 * limit).contains(&read), "κg = {tilt}: clipped reads {read}, limit {limit}");
     }
 }
 
@@ -199,7 +210,8 @@ fn a_wide_sky_lights_planes_by_pi() {
         let [x, y] = [0, 1].map(|a| 4.0 + 8.0 * f64::from(uniform(12, i, 0, a)));
         let at = field.locate([x, y, 0.1]);
         let raw = f64::from(field.raw_value(&at));
-        sum += map.irradiance(&field, &at, raw, field.normal(&at).unwrap(), &search, &mut nearest).mean[0] / 400.0;
+        sum += map.irradiance(&field, &at, raw, field.normal(&at).unwrap(), Kind::Usual, &search, &mut nearest).mean[0]
+            / 400.0;
     }
     assert!((sum / std::f64::consts::PI - 1.0).abs() < 0.01, "{sum}");
 }
@@ -231,7 +243,7 @@ fn named(spec: &str) -> Volume {
 fn no_light_is_lost_or_made() {
     for spec in ["bumpbox:32", "bowl:32", "gyroid:24"] {
         let volume = named(spec);
-        for (albedo, roulette) in [([0.9, 0.5, 0.0], true), ([1.0, 0.7, 0.2], false), ([0.7; 3], true)] {
+        for (albedo, roulette) in [([0.9, 0.5, 0.1], true), ([1.0, 0.7, 0.2], false), ([0.7; 3], true)] {
             let settings =
                 PhotonSettings { photons: 1 << 16, albedo, roulette, most_bounces: 12, ..PhotonSettings::default() };
             let map = map_of(&volume, &SKY, &settings);
@@ -293,7 +305,8 @@ fn the_map_does_not_depend_on_threads_and_its_settings_are_checked() {
             "isovalues",
         ),
     ] {
-        let message = PhotonMap::new(&volume, &pyramid, &SKY, &settings).err().unwrap().to_string();
+        let message =
+            PhotonMap::new(&PhotonScene::alone(&volume, &pyramid, &SKY), &settings).err().unwrap().to_string();
         assert!(message.contains(word), "{message}");
     }
     let black = Sky { radiance: [0.0; 3] };
@@ -309,7 +322,7 @@ fn the_map_counts_its_photons_and_can_be_cancelled() {
     let pyramid = Pyramid::new(&volume);
     let settings = PhotonSettings { photons: 300_001, albedo: [0.0; 3], ..PhotonSettings::default() };
     let progress = Progress::default();
-    let map = PhotonMap::watched(&volume, &pyramid, &SKY, &settings, &progress).unwrap().unwrap();
+    let map = PhotonMap::watched(&PhotonScene::alone(&volume, &pyramid, &SKY), &settings, &progress).unwrap().unwrap();
     assert_eq!(progress.photons.load(Ordering::Relaxed), 300_001);
     assert_eq!(progress.rays.load(Ordering::Relaxed), map.counts().rays);
     assert_eq!(map.tree.in_order(), map_of(&volume, &SKY, &settings).tree.in_order());
@@ -317,7 +330,7 @@ fn the_map_counts_its_photons_and_can_be_cancelled() {
     // ended, which are fewer than all of them.
     let before = Progress::default();
     before.cancel.store(true, Ordering::Relaxed);
-    assert!(PhotonMap::watched(&volume, &pyramid, &SKY, &settings, &before).unwrap().is_none());
+    assert!(PhotonMap::watched(&PhotonScene::alone(&volume, &pyramid, &SKY), &settings, &before).unwrap().is_none());
     assert_eq!(before.photons.load(Ordering::Relaxed), 0);
     struct Cancels<'a>(&'a Progress);
     impl DirectionalSource for Cancels<'_> {
@@ -334,7 +347,9 @@ fn the_map_counts_its_photons_and_can_be_cancelled() {
     }
     let amid = Progress::default();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
-    let made = pool.install(|| PhotonMap::watched(&volume, &pyramid, &Cancels(&amid), &settings, &amid).unwrap());
+    let made = pool.install(|| {
+        PhotonMap::watched(&PhotonScene::alone(&volume, &pyramid, &Cancels(&amid)), &settings, &amid).unwrap()
+    });
     assert!(made.is_none());
     assert!((1..=2 * 4096).contains(&amid.photons.load(Ordering::Relaxed)), "{amid:?}");
 }
@@ -365,13 +380,13 @@ fn photons_light_the_bowl_in_three_ways() {
         (PhotonLight::FinalGather, near),
         (PhotonLight::All, Isovalues { range: Some([0.3, 0.9]), ..Default::default() }),
     ] {
-        let first_bounce = u32::from(light == PhotonLight::Indirect);
-        let map =
-            PhotonSettings { photons: 1 << 19, albedo: [rho as f32; 3], isovalues, first_bounce, ..Default::default() };
+        let kept = light.kept();
+        let map = PhotonSettings { photons: 1 << 19, albedo: [rho as f32; 3], isovalues, kept, ..Default::default() };
         let map = map_of(&volume, &SKY, &map);
         let search = PhotonSearch { neighbours: 64, ..PhotonSearch::default() };
-        let settings = PhotonLightSettings { light, rays: 64, search, seed: 3 };
-        let (found, _) = photon_direct(&volume, &pyramid, isovalue, &points, &SKY, &map, &settings).unwrap();
+        let settings = PhotonLightSettings { light, rays: 64, search, caustics: search, seed: 3 };
+        let scene = PhotonScene::alone(&volume, &pyramid, &SKY);
+        let (found, _) = photon_direct(&scene, isovalue, &points, &map, &settings).unwrap();
         let n = found.len() as f64;
         let mean = found.iter().map(|r| r.mean[0]).sum::<f64>() / n;
         let stated = (found.iter().map(|r| r.stderr[0].powi(2)).sum::<f64>() / n).sqrt();

@@ -1,14 +1,12 @@
 //! Transfer from photons: the estimator `photon`.
 //!
-//! A photon knows where in the environment it came from. Without radiance and albedo, survivors of the roulette weighted
-//! 1/ρ, its flux-height is that of a light that is 1 in its direction; so the same map gives
-//! T_k,i(x) = (1/π) Σ F Y_i(ω) / (g V) over the photons near x that were reflected k times.
-//!
-//! Here the map is made for the purpose: of a light that is 1 from everywhere, without roulette, cut after the last
-//! layer. A texel takes the nearest photons of all layers together, so that layers of little light rest on few.
+//! A photon knows where in the environment it came from. Under a light that is 1 from everywhere and at an albedo of 1, a map gives
+//! T_k,i(x) = (1/π) Σ F Y_i(ω) / (g V) over the photons near x that were reflected k times. Such a map is made for the purpose,
+//! without roulette, cut after the last layer. A texel takes the nearest photons of all layers together, so that layers of little light rest on few.
 
-use super::estimate::PhotonSearch;
-use super::map::{PhotonMap, PhotonSettings};
+use super::estimate::{Kind, PhotonSearch};
+use super::map::{PhotonMap, PhotonScene, PhotonSettings};
+use super::packing::Origin;
 use super::tree::Nearest;
 use crate::error::{Error, Result};
 use crate::geom::Direction;
@@ -74,7 +72,7 @@ pub fn photon_bake_map(bake: &Bake<'_>, settings: &PhotonBake, progress: &Progre
         memory_limit: settings.memory_limit,
         ..PhotonSettings::default()
     };
-    PhotonMap::watched(bake.volume, bake.pyramid, &Everywhere, &settings, progress)
+    PhotonMap::watched(&PhotonScene::alone(bake.volume, bake.pyramid, &Everywhere), &settings, progress)
 }
 
 /// Bakes the selected texels from the map of [`photon_bake_map`], and hands out the chunks asked for as
@@ -122,7 +120,7 @@ pub fn photon_bake(
     let Some(map) = photon_bake_map(bake, settings, progress)? else { return Ok(nothing()) };
     let mut summary = photon_bake_from(bake, &map, chunks, progress, present, sink)?;
     summary.counts += map.counts();
-    Ok((summary, map.energy().clone()))
+    Ok((summary, map.energy()))
 }
 
 fn check(bake: &Bake<'_>) -> Result<()> {
@@ -149,14 +147,14 @@ fn from_photons<T: Sample>(
     let mut transfer = vec![0.0f64; layers.coefficients()];
     let mut squares = vec![0.0f64; layers.len()];
     let mut basis = [0.0f32; sh::MAX_BANDS * sh::MAX_BANDS];
-    if let Some(found) = map.find_near(&query, search, nearest) {
+    if let Some(found) = map.find_near(&query, Kind::Usual, search, nearest) {
         let factor = 1.0 / (std::f64::consts::PI * found.measure);
-        map.for_counted(&query, search, nearest, &mut |photon| {
+        map.for_counted(&query, Kind::Usual, search, nearest, &mut |photon| {
             let k = usize::from(photon.bounce);
-            if k < layers.len() {
+            if let (true, Origin::Environment(source)) = (k < layers.len(), photon.origin()) {
                 let bands = layers.bands()[k];
-                let weight = f64::from(photon.transfer) * factor;
-                sh::basis::evaluate_f32(bands, photon.source(), &mut basis);
+                let weight = f64::from(photon.flux) * factor;
+                sh::basis::evaluate_f32(bands, source, &mut basis);
                 for i in 0..bands * bands {
                     transfer[layers.offset(k) + i] += weight * f64::from(basis[i]);
                 }

@@ -19,10 +19,12 @@ use super::super::sums::{combine, defend_degenerate, target_stderr, variance_of_
 use super::estimate::{Found, Record, trace};
 use super::world::World;
 use crate::error::Result;
+use crate::geom::Normal;
 use crate::level::{LevelField, Site};
 use crate::scene::geometry::Geometry;
 use crate::transfer::Layers;
 use crate::volume::Sample;
+use glam::{DVec3, Vec3};
 
 /// Factor on the standard error of luminaires' light before it is compared with a target.
 ///
@@ -31,11 +33,37 @@ use crate::volume::Sample;
 /// 10 % and at 0.92 of one of 4 %, in RMS (`tests/physics/scene_walls.rs`).
 const BY_LUCK: f32 = 1.6;
 
+/// A part of the light that only photons find.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrival {
+    /// The number of its luminaire.
+    pub luminaire: usize,
+    /// Reflections by level sets on the way.
+    pub layer: usize,
+    /// Exitant radiance at an albedo of 1.
+    pub light: [f64; 3],
+}
+
+/// Light that a mirror or glass was the first to meet, of luminaires that no path finds so ([`super::needs_photons`]).
+pub trait SpecularLight: Sync {
+    /// Calls for each part of the light that arrives at a point of a level set, from the gradient of the raw samples there, in grid
+    /// space, its isovalue in raw samples, and its normal in world.
+    fn arriving(
+        &self,
+        in_grid: DVec3,
+        raw_gradient: Vec3,
+        raw_isovalue: f64,
+        normal: Normal,
+        add: &mut dyn FnMut(Arrival),
+    );
+}
+
 /// A volume in its world.
 pub(in super::super) struct Among<'a, T> {
     world: World<'a, T>,
     settings: &'a Settings,
     caustics: bool,
+    specular: Option<&'a dyn SpecularLight>,
     // Of each group.
     layers: Vec<Layers>,
     // 2^-e of each group.
@@ -52,7 +80,8 @@ impl<'a, T: Sample> Among<'a, T> {
         let of_luminaires = geometry.exponents(bake.volume).into_iter().map(|e| libm::ldexp(1.0, -e));
         let factors = [1.0, 1.0].into_iter().chain(of_luminaires).collect();
         let world = World::new(bake.volume, field, geometry);
-        Ok(Self { world, settings: bake.settings, caustics: bake.caustics, layers, factors })
+        let specular = bake.specular.filter(|_| bake.caustics);
+        Ok(Self { world, settings: bake.settings, caustics: bake.caustics, specular, layers, factors })
     }
 
     /// Means and standard errors of all groups after `points` paths of each replicate.
@@ -114,6 +143,28 @@ impl<'a, T: Sample> Among<'a, T> {
         let (world, settings, all) = (&self.world, self.settings, 0..self.settings.points());
         trace(world, site, &isovalues, item, all, settings, self.caustics, &mut found, &mut level, &mut counts);
         found.record.map_or(Vec::new(), |record| record.paths)
+    }
+
+    /// Adds light that only photons find, and its noise.
+    fn add_specular(&self, site: &Site, out: &mut [TexelEstimate<f64>]) {
+        let Some(specular) = self.specular else { return };
+        let at = &site.start.at;
+        let (in_grid, gradient) = (at.in_grid().as_dvec3(), self.world.field.raw_gradient(at));
+        let first = 2;
+        let mut squares: Vec<f64> = vec![0.0; (out.len() - first) * self.settings.layers.len()];
+        specular.arriving(in_grid, gradient, f64::from(site.isovalue), site.normal, &mut |arrival| {
+            let Arrival { luminaire, layer, light } = arrival;
+            let Some(group) = out.get_mut(first + luminaire) else { return };
+            let light = light.map(|v| v * self.factors[first + luminaire]);
+            (0..3).for_each(|c| group.transfer[3 * layer + c] += light[c]);
+            let square = light.iter().map(|v| v * v).sum::<f64>() / 3.0;
+            squares[luminaire * self.settings.layers.len() + layer] += square;
+        });
+        for (group, squares) in out[first..].iter_mut().zip(squares.chunks_exact(self.settings.layers.len())) {
+            for (stderr, square) in group.stderr.iter_mut().zip(squares) {
+                *stderr = (*stderr * *stderr + square).sqrt();
+            }
+        }
     }
 
     /// Variance of Σ_l Σ_k w_lk G_k,l, the mean of the channels, from the spread of the replicates.
@@ -189,8 +240,10 @@ impl<T: Sample> Estimator for Among<'_, T> {
                     let excess = expected_error(&out[0]) / target.error;
                     (done, points) = (points, next_points(points, excess, most));
                 }
-                _ => return Fate::Estimated,
+                _ => break,
             }
         }
+        self.add_specular(site, out);
+        Fate::Estimated
     }
 }

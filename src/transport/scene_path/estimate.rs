@@ -23,6 +23,7 @@ use super::super::replay::{On, PathEnd, ReplayedPath};
 use super::super::sums::clamped_cosine;
 use super::glass;
 use super::images::Images;
+use super::specular_chain;
 use super::world::{Met, Origin, Place, SceneCounts, World};
 use crate::geom::{Affine, Frame, Normal};
 use crate::level::{CellPoint, Counts, Site, Start};
@@ -39,10 +40,6 @@ use std::ops::Range;
 const SURE_WALLS: u32 = 3;
 /// A path between white walls would never end: after this many turns it is cut, and counted as lost.
 pub const MOST_TURNS: u32 = 512;
-/// Mirrors and glass in a row after which a path is cut, and counted as lost.
-pub const MOST_SPECULAR: u32 = 64;
-/// Pairs of random numbers of glass start here, out of the way of all others.
-const GLASS_PAIRS: u32 = 1 << 24;
 
 /// What a texel's paths found: sums.
 #[derive(Clone, Debug, Default)]
@@ -180,6 +177,11 @@ impl<T: Sample> Path<'_, '_, T> {
         self.sampler.pair(self.index, turn * self.pairs() + which)
     }
 
+    /// The variate of a mirror or glass.
+    fn chance(&self, turn: u32, in_a_row: u32) -> f64 {
+        f64::from(self.sampler.pair(self.index, specular_chain::pair(turn, in_a_row))[0])
+    }
+
     fn run(&mut self, mut at: Turn, found: &mut Found, level: &mut Counts, counts: &mut SceneCounts) {
         for turn in 0..MOST_TURNS {
             self.sample_luminaires(&at, turn, found, level, counts);
@@ -242,10 +244,11 @@ impl<T: Sample> Path<'_, '_, T> {
         // Density of the cosine, while the path has met nothing specular since.
         let mut density = Some(by_cosine);
         let mut origin = at.origin;
-        for specular in 0..MOST_SPECULAR {
+        for in_a_row in 0..specular_chain::MOST {
             found.aimed(direction);
             match self.world.meet(self.isovalues, &origin, direction, level, counts) {
                 Met::Nothing => {
+                    self.see_distant(density, direction, found);
                     self.escape(direction.as_vec3(), found);
                     if density.is_some() {
                         found.rays[self.replicate][self.layer.min(1)][1] += self.mean_weight();
@@ -292,12 +295,16 @@ impl<T: Sample> Path<'_, '_, T> {
                             return next;
                         }
                         Finish::Mirror(share) => {
+                            let survival = specular_chain::survival(in_a_row, share);
+                            if survival < 1.0 && self.chance(turn, in_a_row) >= survival {
+                                found.ended(PathEnd::Absorbed);
+                                return None;
+                            }
                             direction -= 2.0 * direction.dot(hit.normal) * hit.normal;
-                            (0..3).for_each(|c| self.weight[c] *= f64::from(share[c]));
+                            (0..3).for_each(|c| self.weight[c] *= f64::from(share[c]) / survival);
                         }
                         Finish::Glass(index) => {
-                            let pair = GLASS_PAIRS + turn * MOST_SPECULAR + specular;
-                            let u = f64::from(self.sampler.pair(self.index, pair)[0]);
+                            let u = self.chance(turn, in_a_row);
                             let (next, factor) = glass::turn(direction, hit.normal, index, u);
                             direction = next;
                             self.weight = self.weight.map(|w| w * factor);
@@ -332,6 +339,18 @@ impl<T: Sample> Path<'_, '_, T> {
         if let Some(share) = self.share(density, l, from, hit.distance, cosine) {
             self.add(found, 1 + l, self.world.geometry.wall_radiance(l), share);
         }
+    }
+
+    /// Light of environments among the luminaires, where nothing is in the way.
+    fn see_distant(&self, density: Option<f64>, direction: DVec3, found: &mut Found) {
+        self.world.geometry.each_distant(direction, &mut |l, radiance, by_light| {
+            let share = match density {
+                Some(by_cosine) if by_cosine > 0.0 => by_cosine / (by_cosine + by_light),
+                Some(_) => 0.0,
+                None => f64::from(u8::from(self.caustics)),
+            };
+            self.add(found, 1 + l, radiance, share);
+        });
     }
 
     fn escape(&self, direction: Vec3, found: &mut Found) {

@@ -7,7 +7,7 @@ use glam::DVec3;
 /// Fresnel's equations for unpolarised light decide between the two with their own probability. Radiance that enters a
 /// denser medium grows by the square of the ratio of the indices; a path, which runs against the light, takes the
 /// inverse (Veach 1997, section 5.2).
-pub(super) fn turn(direction: DVec3, front: DVec3, index: f64, u: f64) -> (DVec3, f64) {
+pub(in super::super) fn turn(direction: DVec3, front: DVec3, index: f64, u: f64) -> (DVec3, f64) {
     let enters = direction.dot(front) < 0.0;
     let normal = if enters { front } else { -front };
     // From the side the ray comes from to the other.

@@ -3,32 +3,33 @@
 //!
 //! Transfer has three channels, because walls have colours, and each luminaire fills a texture of its own, so that its
 //! power may change at relight time: `estimate` says what is added where, `world` what a ray meets.
-//! Photons are not needed: light of luminaires that have an area is found through mirrors and glass by the paths
+//! Light of luminaires that have an area is found through mirrors and glass by the paths
 //! themselves, if noisily, and points and parallel light by their images in flat mirrors (`images`). Through glass and in
-//! curved mirrors these cannot be found so; see [`needs_photons`].
+//! curved mirrors these cannot be found so; photons bring it ([`SpecularLight`]). See [`needs_photons`].
 
 mod among;
 mod estimate;
-mod glass;
+pub(super) mod glass;
 mod images;
 mod level_set;
-mod photons;
 mod reference;
 mod sites;
+pub(super) mod specular_chain;
 mod world;
 
 pub(super) use among::Among;
-pub use estimate::{MOST_SPECULAR, MOST_TURNS};
-pub use photons::{PowerBalance, trace_photons};
+pub use among::{Arrival, SpecularLight};
+pub use estimate::MOST_TURNS;
 pub(super) use reference::Tracer;
 pub use reference::{SceneReference, scene_radiance};
 pub use sites::{LevelSite, site_radiance};
+pub use specular_chain::MOST as MOST_SPECULAR;
 pub use world::SceneCounts;
-pub(super) use world::World;
+pub(super) use world::{Isovalues, Met, Origin, Place, World};
 
 use crate::scene::geometry::Geometry;
 
-/// Luminaires whose light cannot be found through the mirrors and glass of a scene but by photons, which are not built:
+/// Luminaires whose light cannot be found through the mirrors and glass of a scene but by photons:
 /// points and parallel light beside glass, curved mirrors, or more than six flat ones. Empty where all is found.
 pub fn needs_photons(geometry: &Geometry) -> Vec<String> {
     let found =

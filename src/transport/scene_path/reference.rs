@@ -11,6 +11,7 @@ use super::super::REPLICATES;
 use super::super::direct::Radiance;
 use super::glass;
 use super::images::Images;
+use super::specular_chain;
 use super::world::{Isovalues, Met, Origin, Place, SceneCounts, World};
 use crate::error::{Error, Result};
 use crate::geom::{Direction, Frame, Normal};
@@ -64,7 +65,6 @@ impl SceneReference {
 const SURE_TURNS: u32 = 4;
 /// A path of albedo 1 in a closed room would never end: after this many turns it is cut.
 const MOST_TURNS: u32 = 1024;
-const MOST_SPECULAR: u32 = 64;
 /// See-through walls before a ray is given up.
 const MOST_BACKS: usize = 64;
 
@@ -219,15 +219,23 @@ impl<T: Sample> Tracer<'_, T> {
         // Density of the direction, where environments were sampled too.
         let mut by_cosine: Option<f64> = None;
         let (mut turn, mut specular) = (0, 0);
+        let chance = |turn, specular| f64::from(sampler.pair(path, specular_chain::pair(turn, specular))[0]);
         let mut at = None;
-        while turn < MOST_TURNS && specular < MOST_SPECULAR {
+        while turn < MOST_TURNS && specular < specular_chain::MOST {
             let met = match first.take() {
                 Some((place, normal)) => Err((place, normal, self.albedo(0))),
                 None => Ok(self.world.meet(&self.isovalues, &origin, direction, level, counts)),
             };
             let (place, normal, albedo) = match met {
                 Err(first) => first,
-                Ok(Met::Nothing) => return self.escape(direction, by_cosine, &weight, found),
+                Ok(Met::Nothing) => {
+                    if counts_light {
+                        geometry.each_distant(direction, &mut |l, radiance, _| {
+                            add(&mut found.near, &weight, scaled(l, radiance), 1.0);
+                        });
+                    }
+                    return self.escape(direction, by_cosine, &weight, found);
+                }
                 Ok(Met::Cut) => return,
                 Ok(Met::Luminaire(hit)) => {
                     if counts_light {
@@ -260,14 +268,17 @@ impl<T: Sample> Tracer<'_, T> {
                             None => return,
                         },
                         Finish::Mirror(share) => {
-                            (0..3).for_each(|c| weight[c] *= f64::from(share[c]));
+                            let survival = specular_chain::survival(specular, share);
+                            if survival < 1.0 && chance(turn, specular) >= survival {
+                                return;
+                            }
+                            (0..3).for_each(|c| weight[c] *= f64::from(share[c]) / survival);
                             direction -= 2.0 * direction.dot(hit.normal) * hit.normal;
                             (origin, counts_light, by_cosine, specular) = (place, true, None, specular + 1);
                             continue;
                         }
                         Finish::Glass(index) => {
-                            let u = sampler.pair(path, (1 << 24) + turn * MOST_SPECULAR + specular)[0];
-                            let (next, factor) = glass::turn(direction, hit.normal, index, f64::from(u));
+                            let (next, factor) = glass::turn(direction, hit.normal, index, chance(turn, specular));
                             weight = weight.map(|w| w * factor);
                             (origin, direction, counts_light) = (place, next, true);
                             (by_cosine, specular) = (None, specular + 1);
@@ -305,7 +316,7 @@ impl<T: Sample> Tracer<'_, T> {
             at = if let Place::Level(set, _) = place.place { Some((place, normal, set)) } else { None };
             (origin, turn, specular) = (place, turn + 1, 0);
         }
-        counts.lost_specular += u64::from(specular == MOST_SPECULAR);
+        counts.lost_specular += u64::from(specular == specular_chain::MOST);
         counts.lost_turns += u64::from(turn == MOST_TURNS);
     }
 

@@ -19,7 +19,7 @@ use glam::DVec3;
 
 /// A place where paths turn.
 #[derive(Clone, Copy)]
-pub(super) enum Place {
+pub(in super::super) enum Place {
     /// On a level set: that of the volume, 0, or of partner n − 1.
     Level(usize, Start),
     /// On a part of a wall.
@@ -31,12 +31,12 @@ pub(super) enum Place {
 /// Where a ray starts.
 #[derive(Clone, Copy)]
 pub(in super::super) struct Origin {
-    pub(super) place: Place,
+    pub(in super::super) place: Place,
     pub(in super::super) in_world: DVec3,
 }
 
 /// What a ray meets first.
-pub(super) enum Met {
+pub(in super::super) enum Met {
     /// The environment.
     Nothing,
     /// Its level set, 0, or that of partner n − 1.
@@ -107,8 +107,8 @@ pub(in super::super) type Isovalues = Vec<f32>;
 
 /// All that a ray can meet.
 pub(in super::super) struct World<'a, T> {
-    pub(super) field: &'a LevelField<'a, T>,
-    pub(super) geometry: &'a Geometry,
+    pub(in super::super) field: &'a LevelField<'a, T>,
+    pub(in super::super) geometry: &'a Geometry,
     volume: &'a Volume,
     placement: Placement,
     partners: Vec<Box<dyn PartnerSet + 'a>>,
@@ -149,7 +149,7 @@ impl<'a, T: Sample> World<'a, T> {
     }
 
     /// Factor on the albedo of a level set.
-    pub(super) fn tint(&self, set: usize) -> [f32; 3] {
+    pub(in super::super) fn tint(&self, set: usize) -> [f32; 3] {
         match set.checked_sub(1) {
             Some(partner) => self.geometry.partners()[partner].tint,
             None => self.geometry.tint(),
@@ -163,7 +163,7 @@ impl<'a, T: Sample> World<'a, T> {
     }
 
     /// Outward normal that a point of a level set is shaded about where it is looked at.
-    pub(super) fn smoothed_normal(&self, set: usize, at: &CellPoint) -> Option<Normal> {
+    pub(in super::super) fn smoothed_normal(&self, set: usize, at: &CellPoint) -> Option<Normal> {
         match set.checked_sub(1) {
             Some(partner) => self.partners[partner].smoothed_normal_at(at),
             None => self.field.normal(at),
@@ -171,7 +171,7 @@ impl<'a, T: Sample> World<'a, T> {
     }
 
     /// Outward normal of a point where a path met a level set.
-    pub(super) fn normal(&self, set: usize, at: &CellPoint) -> Option<Normal> {
+    pub(in super::super) fn normal(&self, set: usize, at: &CellPoint) -> Option<Normal> {
         match set.checked_sub(1) {
             Some(partner) => self.partners[partner].normal_at(at),
             None => self.field.hit_normal(at),
@@ -184,7 +184,7 @@ impl<'a, T: Sample> World<'a, T> {
     }
 
     /// The first thing on a ray of unit direction.
-    pub(super) fn meet(
+    pub(in super::super) fn meet(
         &self,
         isovalues: &[f32],
         from: &Origin,
@@ -224,7 +224,7 @@ impl<'a, T: Sample> World<'a, T> {
     }
 
     /// Whether light of luminaire `l`, or of the environment, reaches a point along a direction from a distance.
-    pub(super) fn sees(
+    pub(in super::super) fn sees(
         &self,
         isovalues: &[f32],
         from: &Origin,

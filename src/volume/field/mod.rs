@@ -9,14 +9,18 @@
 //! | `gyroid` | two periods of the gyroid ([`Gyroid`]) | larger | z | 0 |
 //! | `torus` | signed distance to a torus ([`Torus`]) | larger | z | 0 |
 //! | `sphere-over-plane` | max(R − \|x − p\|, −z) ([`SphereOverPlane`]) | larger | z | 0 |
+//! | `nucleons`, `nucleons-2` | two kinds of particles, a stand-in ([`Blobs`]) | larger | z | 79 |
+//! | `spray`, `spray-2` | a ball, and droplets thrown off it, a stand-in ([`Core`], [`Blobs`]) | larger | z | 116 |
 //!
 //! Values are computed in f64 with the `libm` crate and rounded once to f32: the same bytes on
 //! every machine.
 
 mod bump;
+mod particles;
 mod shapes;
 
 pub use bump::{BUMP_MAXIMUM, BUMP_MINIMUM, BumpBox};
+pub use particles::{Blobs, Core};
 pub use shapes::{Bowl, Gyroid, Sphere, SphereOverPlane, Torus};
 
 use super::{Samples, Solid, Volume};
@@ -136,7 +140,8 @@ impl Named {
 }
 
 /// The names that [`by_name`] knows.
-pub const NAMES: [&str; 6] = ["bumpbox", "sphere", "bowl", "gyroid", "torus", "sphere-over-plane"];
+pub const NAMES: [&str; 10] =
+    ["bumpbox", "sphere", "bowl", "gyroid", "torus", "sphere-over-plane", "nucleons", "nucleons-2", "spray", "spray-2"];
 
 /// The field that a specification names, such as `bumpbox`, `bumpbox:128` (the longest side,
 /// cubic voxels) or `gyroid:256x256x128`; `None` where the part before the colon is no field, so
@@ -156,6 +161,10 @@ pub fn by_name(spec: &str) -> Result<Option<Named>> {
         "gyroid" => Box::new(Gyroid::default()),
         "torus" => Box::new(Torus::default()),
         "sphere-over-plane" => Box::new(SphereOverPlane::default()),
+        "nucleons" => Box::new(Blobs::nucleons(0)),
+        "nucleons-2" => Box::new(Blobs::nucleons(1)),
+        "spray" => Box::new(Core),
+        "spray-2" => Box::new(Blobs::droplets()),
         _ => return Ok(None),
     };
     let dims = match size {

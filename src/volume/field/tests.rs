@@ -108,7 +108,11 @@ fn the_bytes_are_the_same_on_every_machine() {
             "3e73597a9f72746e",
             "6e1354548146a3e4",
             "deddf4a23f1845aa",
-            "506a34af8d4f43d5"
+            "506a34af8d4f43d5",
+            "306edc274ed5a2f4",
+            "05a190d59fab58c2",
+            "367673c6f7597796",
+            "0e038ab9e362d735"
         ]
     );
 }
