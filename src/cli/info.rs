@@ -6,6 +6,7 @@ use super::isovalue::{Chosen, Isovalue};
 use super::{Outcome, input, text};
 use crate::error::{Error, Result};
 use crate::file;
+use crate::geom::Affine;
 use crate::transfer::store::Completeness;
 use crate::transfer::store::{Holdings, Store};
 use crate::transfer::texels_of_isosurface;
@@ -63,6 +64,9 @@ impl Info {
         if let Some(text) = channels_text(&volume.series) {
             rows.push(row("channels", text));
         }
+        if volume.series.arrays.len() > 1 {
+            rows.push(row("arrays", format!("{}; choose with --array", volume.series.arrays.join(", "))));
+        }
         if volume.series.timepoints > 1 {
             let last = volume.series.timepoints - 1;
             rows.push(row("time points", format!("0 to {last}; choose with --timepoint")));
@@ -78,6 +82,7 @@ impl Info {
             "type": volume.samples().type_name(),
             "scaling": { "slope": volume.slope(), "inter": volume.inter() },
             "spacing": volume.world_from_grid().spacing().to_array(),
+            "world_from_grid": rows_of(volume.world_from_grid()),
             "metres_per_unit": metres(volume),
             "world_box": { "min": bounds.min.to_array(), "max": bounds.max.to_array() },
             "left_handed": volume.world_from_grid().is_left_handed(),
@@ -94,6 +99,7 @@ impl Info {
             })),
             "channels": volume.series.channels, "channel": volume.series.channel,
             "timepoints": volume.series.timepoints, "timepoint": volume.series.timepoint,
+            "arrays": volume.series.arrays, "array": volume.series.array,
             "estimate": estimate.map(|e| json!({
                 "memory_bytes": e.memory, "store_bytes_all": e.all, "store_bytes_suggested": e.one,
             })),
@@ -102,6 +108,12 @@ impl Info {
         }));
         Ok(())
     }
+}
+
+/// Three rows of four numbers.
+fn rows_of(map: &Affine) -> [[f64; 4]; 3] {
+    let (linear, offset) = (map.linear(), map.offset());
+    [0, 1, 2].map(|row| [linear.x_axis[row], linear.y_axis[row], linear.z_axis[row], offset[row]])
 }
 
 fn row(name: &str, value: String) -> Vec<String> {

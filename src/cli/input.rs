@@ -37,12 +37,15 @@ pub(super) struct VolumeArgs {
     /// Distance of the samples along x, y, z in place of the file's, perhaps with a unit: mm, um, nm, A, bohr
     #[arg(long, value_name = "X,Y,Z[UNIT]")]
     pub(super) spacing: Option<Spacing>,
-    /// The channel of a file that has several (OME-TIFF, ImageJ, NIfTI, NRRD), counted from 0, or its name
+    /// The channel of a file that has several (OME-TIFF, ImageJ, NIfTI, NRRD, MetaImage, components of VTI), counted from 0, or its name
     #[arg(long, value_name = "N|NAME")]
     pub(super) channel: Option<Channel>,
     /// The time point of a file that has several, counted from 0 [default: the first]
     #[arg(long, value_name = "N")]
     pub(super) timepoint: Option<usize>,
+    /// The array of a file that names several (VTI, .npz) [default: the one that the file names, or the only one]
+    #[arg(long, value_name = "NAME")]
+    pub(super) array: Option<String>,
     /// Drop all parts of the solid but the largest, such as the table below a head: at the isovalue asked for, of several at
     /// the outermost. The volume is masked before the bake, so what is dropped casts no shadow either
     #[arg(long)]
@@ -75,6 +78,7 @@ impl VolumeArgs {
         let choice = Choice {
             channel: self.channel.clone(),
             timepoint: self.timepoint,
+            array: self.array.clone(),
             spacing: self.spacing,
             allow_outside: self.allow_outside,
             any_channel: false,

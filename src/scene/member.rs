@@ -75,6 +75,7 @@ impl VolumeOptions {
             ("--spacing", self.choice.spacing.is_some()),
             ("--channel", self.choice.channel.is_some()),
             ("--timepoint", self.choice.timepoint.is_some()),
+            ("--array", self.choice.array.is_some()),
             ("--keep-largest", self.keep_largest && what != "a field"),
         ];
         match given.iter().find(|(_, given)| *given) {

@@ -90,11 +90,13 @@ pub struct Choice {
     pub channel: Option<Channel>,
     /// The time point, from 0; without it the first, with a note.
     pub timepoint: Option<usize>,
+    /// The array of a file that names several.
+    pub array: Option<String>,
     /// The spacing in place of the file's.
     pub spacing: Option<Spacing>,
     /// Whether files may be read that lie outside the folder of the file that names them.
     pub allow_outside: bool,
-    /// Whether the first of several channels is taken where none is chosen: for a list of what there is.
+    /// Whether the first of several channels, or arrays, is taken where none is chosen: for a list of what there is.
     pub any_channel: bool,
 }
 
@@ -109,9 +111,44 @@ pub struct Series {
     pub timepoints: usize,
     /// The one that was read, from 0.
     pub timepoint: usize,
+    /// Names of its arrays, where the format has names for them.
+    pub arrays: Vec<String>,
+    /// The array that was read, from 0.
+    pub array: usize,
 }
 
 impl Choice {
+    /// Chooses among the named arrays of a file; `preferred` is the one that the file itself names first.
+    ///
+    /// # Errors
+    /// When there is none, or several and none is chosen or preferred, and when what was chosen is not there.
+    pub(crate) fn array_of(&self, format: &'static str, arrays: &[String], preferred: Option<usize>) -> Result<usize> {
+        match (&self.array, preferred) {
+            (Some(name), _) => arrays.iter().position(|a| a == name).ok_or_else(|| {
+                let expected =
+                    if arrays.is_empty() { "a file with arrays".into() } else { format!("one of {}", named(arrays)) };
+                Error::argument("--array", name, expected, "see `isolume info` for the list, or leave it out")
+            }),
+            (None, Some(preferred)) => Ok(preferred),
+            (None, None) if arrays.len() == 1 || self.any_channel && !arrays.is_empty() => Ok(0),
+            (None, None) => {
+                let found = match arrays.len() {
+                    0 => "no array".to_string(),
+                    n => format!("{n} arrays: {}", named(arrays)),
+                };
+                Err(Error::format(format, found, "one array of samples", "choose one with --array NAME"))
+            }
+        }
+    }
+
+    /// Refuses the choice of an array in a file whose format has no names for them.
+    pub(crate) fn no_arrays(&self) -> Result<()> {
+        self.array.as_ref().map_or(Ok(()), |name| {
+            let expected = "a format whose arrays have names: VTI or .npz";
+            Err(Error::argument("--array", name, expected, "leave it out; --channel chooses among components"))
+        })
+    }
+
     /// Chooses among the channels and time points of a file.
     ///
     /// # Errors
@@ -163,12 +200,18 @@ impl Choice {
             let how = if self.timepoint.is_none() { "; choose with --timepoint" } else { "" };
             notes.push(note(format!("time point {timepoint} of {timepoints} is read (from 0){how}"), 1));
         }
-        Ok(Series { channels, channel, timepoints: timepoints.max(1), timepoint })
+        Ok(Series { channels, channel, timepoints: timepoints.max(1), timepoint, ..Series::default() })
     }
 }
 
 /// Most names that a message lists.
 const MOST_LISTED: usize = 12;
+
+/// `density, velocity`.
+fn named(arrays: &[String]) -> String {
+    let dots = if arrays.len() > MOST_LISTED { ", …" } else { "" };
+    format!("{}{dots}", arrays.iter().take(MOST_LISTED).map(String::as_str).collect::<Vec<_>>().join(", "))
+}
 
 /// `0 DAPI, 1 GFP`.
 fn listed(channels: &[String]) -> String {

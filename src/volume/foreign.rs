@@ -5,7 +5,7 @@
 use crate::error::Error;
 
 /// The formats that are read, for messages.
-const READ: &str = "NIfTI-1, NRRD, MRC, cube, legacy VTK, TIFF, .npy, or raw with JSON";
+const READ: &str = "NIfTI-1, NRRD, MetaImage, MRC, cube, legacy VTK, VTI, TIFF, .npy, or raw with JSON";
 
 /// Bytes that give a format away.
 enum Mark {
@@ -17,8 +17,6 @@ enum Mark {
 
 use Mark::{At, Word};
 
-const SIMPLEITK: &str = "convert it in Python:\n  import SimpleITK as sitk\n  \
-                         sitk.WriteImage(sitk.ReadImage(\"FILE\"), \"FILE.nrrd\")";
 const PICTURE: &str =
     "a volume is a folder of such pictures of one size, numbered from slice to slice:\n  isolume info FOLDER";
 const MESH: &str = "a mesh has no values between its faces: give the volume that it was made from";
@@ -27,7 +25,6 @@ const UNPACK: &str = "unpack it first, or pack it with gzip";
 
 /// Marks, name, and what to do. The first that fits counts.
 const FORMATS: &[(&[Mark], &str, &str)] = &[
-    (&[Word("ObjectType"), Word("NDims")], "MetaImage (.mha, .mhd)", SIMPLEITK),
     (
         &[At(128, b"DICM")],
         "DICOM",
@@ -136,8 +133,7 @@ fn named(head: &[u8]) -> (String, String) {
         return zip(&text);
     }
     if text.trim_start().starts_with("<?xml") {
-        let remedy = "save VTK's .vti as legacy VTK; of other formats name the file with the samples";
-        return ("XML, perhaps VTK's .vti".into(), remedy.into());
+        return ("XML, but not VTK's .vti".into(), "name the file with the samples".into());
     }
     let start: String = text.chars().take(24).collect();
     let remedy = "convert it to NRRD or .npy, or describe raw samples in a JSON sidecar:\n  \
@@ -149,18 +145,15 @@ fn named(head: &[u8]) -> (String, String) {
 fn vtk_xml(inside: &str) -> (String, String) {
     let kind = inside.split_once("type=").and_then(|(_, rest)| rest.split(['"', '\'']).nth(1)).unwrap_or("unknown");
     let remedy = match kind {
-        "ImageData" | "PImageData" => {
-            "the program writes .vti for ParaView but does not read it yet. Save it as legacy VTK, in Python:\n  \
-             import pyvista\n  pyvista.read(\"FILE\").save(\"FILE.vtk\")"
-        }
-        "RectilinearGrid" | "StructuredGrid" | "UnstructuredGrid" => {
-            "resample it to a regular grid, in Python:\n  import pyvista\n  m = pyvista.read(\"FILE\")\n  \
+        "RectilinearGrid" | "StructuredGrid" | "UnstructuredGrid" | "PRectilinearGrid" | "PStructuredGrid"
+        | "PUnstructuredGrid" => {
+            "resample it to ImageData, in ParaView with Resample To Image, or in Python:\n  import pyvista\n  m = pyvista.read(\"FILE\")\n  \
              s = pyvista.create_grid(m, dimensions=(128, 128, 128)).sample(m)\n  \
              g = pyvista.ImageData(dimensions=s.dimensions, spacing=s.spacing)\n  \
-             g[\"v\"] = s[\"NAME\"]; g.save(\"FILE.vtk\")"
+             g[\"v\"] = s[\"NAME\"]; g.save(\"FILE.vti\")"
         }
-        "PolyData" => MESH,
-        _ => "save it as legacy VTK, STRUCTURED_POINTS",
+        "PolyData" | "PPolyData" => MESH,
+        _ => "save it as ImageData (.vti), for example in ParaView with Resample To Image",
     };
     (format!("VTK XML, {kind}"), remedy.into())
 }
@@ -218,10 +211,9 @@ mod tests {
     #[test]
     fn neighbours_are_named_with_a_way_out() {
         let at = |place: usize, bytes: &[u8]| [&vec![0; place], bytes].concat();
-        let cases: [(Vec<u8>, &str, &str); 16] = [
-            (b"ObjectType = Image\nNDims = 3\n".into(), "MetaImage", "SimpleITK"),
-            (b"NDims = 3\nDimSize = 4 4 4\n".into(), "MetaImage", "SimpleITK"),
-            (b"<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" v".into(), "ImageData", "does not read it yet"),
+        let cases: [(Vec<u8>, &str, &str); 15] = [
+            (b"<VTKFile type=\"PRectilinearGrid\" v".into(), "PRectilinearGrid", "Resample To Image"),
+            (b"<?xml version=\"1.0\"?>\n<OME/>".into(), "XML", "name the file"),
             (b"<VTKFile type=\"UnstructuredGrid\" v".into(), "UnstructuredGrid", "resample"),
             (at(128, b"DICM"), "DICOM", "dcm2niix"),
             (b"\x89HDF\r\n\x1a\n".into(), "HDF5", "h5py"),

@@ -30,6 +30,7 @@ pub fn open(path: impl AsRef<Path>) -> Result<Volume> {
 pub fn open_with(path: impl AsRef<Path>, hint: &ReadHint) -> Result<Volume> {
     let path = path.as_ref();
     if path.is_dir() {
+        hint.choice.no_arrays()?;
         return slices::open(path, hint);
     }
     let (mut file, length) = open_named(path)?;
@@ -43,6 +44,7 @@ pub fn open_with(path: impl AsRef<Path>, hint: &ReadHint) -> Result<Volume> {
         file.seek(SeekFrom::Start(0)).map_err(|e| Error::io(path, "read", e))?;
     }
     if let (true, Some(length)) = (is_tiff, length) {
+        hint.choice.no_arrays()?;
         return tiff::read(BufReader::new(file), length, &hint).map_err(|e| e.in_file(path));
     }
     let beside = Beside::new(path, hint.choice.allow_outside);

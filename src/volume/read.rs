@@ -10,9 +10,11 @@
 //! |---|---|---|
 //! | NIfTI-1 | .nii, pairs; all integer and real types; one time point and channel | NIfTI-2, complex, RGB |
 //! | NRRD | attached and detached; raw, gzip, ascii; one time point and channel | lists of files, hex, bzip2 |
+//! | MetaImage | .mha, .mhd; binary, zlib and text; one time point and channel | lists of files |
 //! | MRC, CCP4 | modes 0, 1, 2, 6, 12; any axis order and cell | complex and packed modes |
 //! | Gaussian cube | density and orbital files (first value of a point) | |
 //! | legacy VTK | STRUCTURED_POINTS, ASCII and BINARY | other data sets, vectors |
+//! | VTK XML | .vti and .pvti: points or cells, text, base64 and raw, ZLib and LZ4; one array and component | LZMA, other data sets |
 //! | TIFF | grey pages; OME-TIFF and ImageJ by their metadata, one time point and channel; folders of slices | colour, sets of files |
 //! | NumPy .npy | three axes [z, y, x], either memory order | bool, complex, structures |
 //! | raw | with a JSON sidecar | |
@@ -20,7 +22,7 @@
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
 use super::foreign;
-use super::format::{cube, mrc, nifti, npy, nrrd, raw, tiff, vtk};
+use super::format::{cube, metaimage, mrc, nifti, npy, nrrd, raw, tiff, vti, vtk};
 use super::source::Source;
 use super::{Choice, Solid, Volume};
 use crate::error::{Error, Result};
@@ -81,16 +83,21 @@ pub(crate) fn read_with(mut source: Source, hint: &ReadHint, beside: Option<Open
     }
     let head = source.peek(LOOK_AHEAD).map_err(from_read)?;
     let format = detect(head)?;
-    if !matches!(format, Format::Nifti | Format::Nrrd | Format::Tiff) {
+    if !matches!(format, Format::Nifti | Format::Nrrd | Format::MetaImage | Format::Tiff | Format::Vti) {
         // Of these a file holds one volume.
         hint.choice.of("volume", Vec::new(), 1, &mut Vec::new())?;
+    }
+    if format != Format::Vti {
+        hint.choice.no_arrays()?;
     }
     match format {
         Format::Nifti => nifti::read(source, hint, beside),
         Format::Nrrd => nrrd::read(source, hint, beside),
+        Format::MetaImage => metaimage::read(source, hint, beside),
         Format::Mrc => mrc::read(source, hint),
         Format::Cube => cube::read(source, hint),
         Format::Vtk => vtk::read(source, hint),
+        Format::Vti => vti::read(source, hint, beside),
         Format::Tiff => tiff::read_stream(source, hint),
         Format::Npy => npy::read(source, hint),
         Format::Raw => raw::read(source, hint, beside),
@@ -101,9 +108,11 @@ pub(crate) fn read_with(mut source: Source, hint: &ReadHint, beside: Option<Open
 pub(crate) enum Format {
     Nifti,
     Nrrd,
+    MetaImage,
     Mrc,
     Cube,
     Vtk,
+    Vti,
     Tiff,
     Npy,
     Raw,
@@ -118,6 +127,9 @@ pub(crate) fn detect(head: &[u8]) -> Result<Format> {
     if at(0, b"# vtk DataFile") {
         return Ok(Format::Vtk);
     }
+    if vti::is_xml(head) {
+        return Ok(Format::Vti);
+    }
     if at(0, b"\x93NUMPY") {
         return Ok(Format::Npy);
     }
@@ -129,6 +141,9 @@ pub(crate) fn detect(head: &[u8]) -> Result<Format> {
     }
     if mrc::is_mrc(head) {
         return Ok(Format::Mrc);
+    }
+    if metaimage::is_metaimage(head) {
+        return Ok(Format::MetaImage);
     }
     let first = head.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(0);
     if at(first, b"{") {

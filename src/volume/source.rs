@@ -4,7 +4,7 @@
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
 use crate::error::{Error, Result};
-use flate2::bufread::MultiGzDecoder;
+use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 use std::io::{self, BufRead, Read};
 
 /// Bytes asked of the underlying stream at a time.
@@ -25,6 +25,7 @@ pub(crate) struct Source<'a> {
     start: usize,
     /// Upper bound of the bytes not consumed yet, where one is known.
     at_most: Option<u64>,
+    /// Whether a checksum follows what is read.
     gzip: bool,
 }
 
@@ -40,6 +41,17 @@ impl<'a> Source<'a> {
         let mut source = Self::new(MultiGzDecoder::new(self), at_most);
         source.gzip = true;
         source
+    }
+
+    /// The decompressed content of this source, which holds gzip members or a zlib stream from here on.
+    pub(crate) fn inflate(mut self) -> io::Result<Self> {
+        if self.is_gzip()? {
+            return Ok(self.gunzip());
+        }
+        let at_most = self.at_most.map(|n| n.saturating_mul(DEFLATE_RATIO));
+        let mut source = Self::new(ZlibDecoder::new(self), at_most);
+        source.gzip = true;
+        Ok(source)
     }
 
     /// Whether the next bytes are a gzip header.
@@ -183,7 +195,7 @@ impl<'a> Source<'a> {
             return Ok(());
         }
         io::copy(&mut self.by_ref().take(CHUNK as u64), &mut io::sink())
-            .map_err(|e| Error::from_read(format, "a gzip stream with a correct checksum", e))?;
+            .map_err(|e| Error::from_read(format, "compressed data with a correct checksum", e))?;
         Ok(())
     }
 }

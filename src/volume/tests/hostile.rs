@@ -2,6 +2,12 @@ use super::nifti::Header;
 use super::*;
 use std::io::{Read, Repeat};
 
+fn zlib(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), Compression::fast());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
 /// Small, complete files of every format that comes in one stream.
 fn good_files() -> Vec<(&'static str, Vec<u8>)> {
     let data: Vec<u8> = (0..24).collect();
@@ -37,6 +43,21 @@ fn good_files() -> Vec<(&'static str, Vec<u8>)> {
         image.encoder().write_tag(::tiff::tags::Tag::ImageDescription, if z == 0 { text } else { "" }).unwrap();
         image.write_data(&data[..8]).unwrap();
     }
+    let vti = |array: &str, appended: &str| {
+        format!(
+            "<VTKFile type=\"ImageData\" byte_order=\"LittleEndian\"><ImageData WholeExtent=\"0 1 0 2 0 3\"><Piece Extent=\"0 1 0 2 \
+             0 3\"><PointData><DataArray type=\"UInt8\" Name=\"h\" {array}</PointData></Piece></ImageData>{appended}"
+        )
+    };
+    let appended = vti("format=\"appended\" offset=\"0\"/>", "<AppendedData encoding=\"raw\">_");
+    let appended = [appended.as_bytes(), &24u32.to_le_bytes(), &data].concat();
+    let inline = vti(&format!("format=\"ascii\">{}</DataArray>", "1 ".repeat(24)), "</VTKFile>").into_bytes();
+    let meta = |packed: &str| {
+        format!(
+            "ObjectType = Image\nNDims = 3\nDimSize = 2 3 4\nElementType = MET_UCHAR\nElementSpacing = 1 2 3\nCompressedData = \
+             {packed}\nElementDataFile = LOCAL\n"
+        )
+    };
     let directions = "space dimension: 4\nspace directions: (1,0,0,0) (0,1,0,0) (0,0,1,0) (0,0,0,1)";
     let series = format!("NRRD0004\ntype: uchar\ndimension: 4\nsizes: 2 3 4 1\n{directions}\nencoding: raw\n\n");
     let files = [
@@ -50,6 +71,10 @@ fn good_files() -> Vec<(&'static str, Vec<u8>)> {
         ("TIFF", tiff.into_inner()),
         ("OME-TIFF", ome.into_inner()),
         ("4D NRRD", join(&series)),
+        ("VTI", appended),
+        ("inline VTI", inline),
+        ("MetaImage", join(&meta("False"))),
+        ("packed MetaImage", [meta("True").as_bytes(), &zlib(&data)].concat()),
     ];
     let packed = files.clone().map(|(name, bytes)| (name, gzip(&bytes)));
     files.into_iter().chain(packed).collect()
@@ -76,7 +101,7 @@ fn every_truncation_of_every_format_is_an_error_with_a_reason() {
 #[test]
 fn every_single_byte_of_damage_is_survived() {
     // Damage may go unnoticed; it must not panic, hang or exhaust memory.
-    for (name, bytes) in good_files().into_iter().take(10) {
+    for (name, bytes) in good_files().into_iter().take(14) {
         for at in 0..bytes.len() {
             for value in [0, 0x7f, 0xff, b'9', bytes[at] ^ 1] {
                 let mut damaged = bytes.clone();
@@ -155,7 +180,7 @@ fn wrong_files_are_named() {
         (&b""[..], "an empty file"),
         (b"Dear colleague,\nplease find attached", "Dear colleague"),
         (b"\x89HDF\r\n\x1a\n", "HDF5"),
-        (b"<?xml version=\"1.0\"?>", ".vti"),
+        (b"<?xml version=\"1.0\"?>", "not VTK's .vti"),
         (b"PK\x03\x04", "zip"),
         (b"BZh91AY", "bzip2"),
         (b"\x1f\x8b", "gzip"),

@@ -3,10 +3,13 @@
 mod arrays;
 mod hostile;
 mod maps;
+mod metaimage;
 mod nifti;
 mod nrrd;
+mod phantom;
 mod real;
 mod text;
+mod vti;
 
 use super::*;
 use flate2::{Compression, write::GzEncoder};

@@ -7,7 +7,6 @@
 
 mod layout;
 mod ome;
-mod xml;
 
 use super::super::assemble::{Parts, assemble, note};
 use super::super::decode::{Data, checked_count};

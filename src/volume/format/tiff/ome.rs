@@ -8,8 +8,8 @@ use super::super::super::LengthUnit;
 use super::super::super::assemble::note;
 use super::super::super::choice::Choice;
 use super::super::metres_in;
+use super::super::xml::{Attributes, Event, scan};
 use super::layout::Layout;
-use super::xml::{Attributes, Event, damaged, scan};
 use crate::error::{Error, Result};
 use glam::DVec3;
 
@@ -20,6 +20,11 @@ const MOST_PLANES: usize = 1 << 24;
 const Z: usize = 0;
 const C: usize = 1;
 const T: usize = 2;
+
+fn damaged(found: String) -> Error {
+    let remedy = "save the file again, for example with Bio-Formats or tifffile";
+    Error::format("OME-TIFF", found, "metadata in OME-XML", remedy)
+}
 
 /// What is said of the first image.
 #[derive(Default)]
@@ -55,7 +60,7 @@ impl Ome {
     pub(super) fn parse(text: &str) -> Result<Self> {
         let mut ome = Self::default();
         let mut in_uuid = false;
-        scan(text, &mut |event| {
+        scan(text, damaged, &mut |event| {
             match event {
                 Event::Start("OME", attributes) => ome.uuid = attributes.get("UUID"),
                 Event::Start("Image", _) => ome.images += 1,
@@ -64,7 +69,7 @@ impl Ome {
                 Event::Start("Channel", attributes) => {
                     ome.channels.push(attributes.get("Name").unwrap_or_default());
                     if ome.channels.len() > MOST_PLANES {
-                        return Err(damaged("more channels than any file has"));
+                        return Err(damaged("more channels than any file has".into()));
                     }
                 }
                 Event::Start("TiffData", attributes) => ome.blocks.push(TiffData::new(attributes)?),
@@ -85,7 +90,7 @@ impl Ome {
             Ok(())
         })?;
         if ome.sizes.contains(&0) {
-            return Err(damaged("no Pixels with SizeZ, SizeC and SizeT"));
+            return Err(damaged("no Pixels with SizeZ, SizeC and SizeT".into()));
         }
         // A channel of several samples, such as RGB, is one plane.
         if !ome.channels.is_empty() && ome.channels.len() < ome.sizes[C] {
@@ -97,7 +102,8 @@ impl Ome {
 
     fn pixels(&mut self, attributes: Attributes<'_>) -> Result<()> {
         for (axis, name) in ["SizeZ", "SizeC", "SizeT"].into_iter().enumerate() {
-            let size: usize = attributes.number(name)?.ok_or_else(|| damaged(format!("Pixels without {name}")))?;
+            let size: usize =
+                attributes.number(name, damaged)?.ok_or_else(|| damaged(format!("Pixels without {name}")))?;
             if !(1..=MOST_PLANES).contains(&size) {
                 return Err(damaged(format!("{name}=\"{size}\"")));
             }
@@ -107,7 +113,7 @@ impl Ome {
             let [z, c, t] = self.sizes;
             return Err(damaged(format!("{z} × {c} × {t} planes")));
         }
-        let order = attributes.get("DimensionOrder").ok_or_else(|| damaged("Pixels without DimensionOrder"))?;
+        let order = attributes.get("DimensionOrder").ok_or_else(|| damaged("Pixels without DimensionOrder".into()))?;
         self.order = match order.as_str() {
             "XYZCT" => [Z, C, T],
             "XYZTC" => [Z, T, C],
@@ -118,7 +124,7 @@ impl Ome {
             _ => return Err(damaged(format!("DimensionOrder=\"{order}\""))),
         };
         for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
-            let size: Option<f64> = attributes.number(&format!("PhysicalSize{name}"))?;
+            let size: Option<f64> = attributes.number(&format!("PhysicalSize{name}"), damaged)?;
             let unit = attributes.get(&format!("PhysicalSize{name}Unit")).unwrap_or_else(|| "µm".into());
             self.physical[axis] = size.filter(|s| s.is_finite() && *s > 0.0).map(|s| (s, unit));
         }
@@ -219,7 +225,7 @@ impl Ome {
 impl TiffData {
     fn new(attributes: Attributes<'_>) -> Result<Self> {
         let number = |name: &str| {
-            let number: Option<usize> = attributes.number(name)?;
+            let number: Option<usize> = attributes.number(name, damaged)?;
             match number {
                 Some(n) if n > MOST_PLANES => Err(damaged(format!("{name}=\"{n}\""))),
                 n => Ok(n),

@@ -33,28 +33,32 @@ impl<'a> Attributes<'a> {
         }
     }
 
-    /// The value of an attribute as a number.
-    pub(super) fn number<T: std::str::FromStr>(&self, wanted: &str) -> Result<Option<T>> {
+    /// The value of an attribute as a number; `damaged` makes the error of one that is none.
+    pub(super) fn number<T: std::str::FromStr>(&self, wanted: &str, damaged: Damaged) -> Result<Option<T>> {
         let Some(text) = self.get(wanted) else { return Ok(None) };
         text.trim().parse().map(Some).map_err(|_| damaged(format!("{wanted}=\"{text}\"")))
     }
 }
 
-pub(super) fn damaged(found: impl Into<String>) -> Error {
-    let remedy = "save the file again, for example with Bio-Formats or tifffile";
-    Error::format("OME-TIFF", found, "metadata in OME-XML", remedy)
+/// A format's error for XML that is not what it should be.
+pub(super) type Damaged = fn(String) -> Error;
+
+/// The name of a tag, without a prefix, and its attributes; `inside` lies between `<` and `>` or `/>`.
+pub(super) fn split_tag(inside: &str) -> (&str, Attributes<'_>) {
+    let (name, attributes) = inside.split_once(|c: char| c.is_ascii_whitespace()).unwrap_or((inside, ""));
+    (local(name), Attributes(attributes))
 }
 
 /// `ome:Image` → `Image`.
-fn local(name: &str) -> &str {
+pub(super) fn local(name: &str) -> &str {
     name.rsplit_once(':').map_or(name, |(_, local)| local)
 }
 
 /// Runs through a text.
 ///
 /// # Errors
-/// When a tag is not closed, or the text declares a document type; those of `each`.
-pub(super) fn scan<'a>(text: &'a str, each: &mut dyn FnMut(Event<'a>) -> Result<()>) -> Result<()> {
+/// When a tag is not closed, or the text declares a document type, as `damaged` makes them; those of `each`.
+pub(super) fn scan<'a>(text: &'a str, damaged: Damaged, each: &mut dyn FnMut(Event<'a>) -> Result<()>) -> Result<()> {
     let mut rest = text;
     while let Some(start) = rest.find('<') {
         let (before, tag) = rest.split_at(start);
@@ -68,9 +72,9 @@ pub(super) fn scan<'a>(text: &'a str, each: &mut dyn FnMut(Event<'a>) -> Result<
             continue;
         }
         if tag.starts_with("<!") {
-            return Err(damaged("a document type"));
+            return Err(damaged("a document type".into()));
         }
-        let end = end_of_tag(tag).ok_or_else(|| damaged("a tag without an end"))?;
+        let end = end_of_tag(tag).ok_or_else(|| damaged("a tag without an end".into()))?;
         let inside = tag.get(1..end).unwrap_or_default();
         rest = tag.get(end + 1..).unwrap_or_default();
         if let Some(name) = inside.strip_prefix('/') {
@@ -78,10 +82,10 @@ pub(super) fn scan<'a>(text: &'a str, each: &mut dyn FnMut(Event<'a>) -> Result<
             continue;
         }
         let (inside, is_empty) = inside.strip_suffix('/').map_or((inside, false), |inside| (inside, true));
-        let (name, attributes) = inside.split_once(|c: char| c.is_ascii_whitespace()).unwrap_or((inside, ""));
-        each(Event::Start(local(name), Attributes(attributes)))?;
+        let (name, attributes) = split_tag(inside);
+        each(Event::Start(name, attributes))?;
         if is_empty {
-            each(Event::End(local(name)))?;
+            each(Event::End(name))?;
         }
     }
     Ok(())
@@ -149,7 +153,8 @@ mod tests {
 
     fn seen(text: &str) -> Result<Vec<String>> {
         let mut all = Vec::new();
-        scan(text, &mut |event| {
+        let damaged = |found: String| Error::format("XML", found, "XML", "");
+        scan(text, damaged, &mut |event| {
             all.push(match event {
                 Event::Start(name, attributes) => format!("<{name} a={:?}", attributes.get("a")),
                 Event::End(name) => format!("/{name}"),
