@@ -84,6 +84,18 @@ pub(crate) enum Data {
     F64(Vec<f64>),
 }
 
+impl Data {
+    /// The samples as numbers; large integers are rounded.
+    pub(crate) fn numbers(&self) -> Vec<f64> {
+        macro_rules! each {
+            ($($variant:ident),*) => {
+                match self { $(Self::$variant(v) => v.iter().map(|s| *s as f64).collect(),)* }
+            };
+        }
+        each!(U8, I8, U16, I16, U32, I32, U64, I64, F32, F64)
+    }
+}
+
 /// Checks what a header claims: no dimension 0, no overflow, within the limit, and no more than
 /// the source can still hold. Returns the number of samples.
 ///

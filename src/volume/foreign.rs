@@ -5,7 +5,7 @@
 use crate::error::Error;
 
 /// The formats that are read, for messages.
-const READ: &str = "NIfTI-1, NRRD, MetaImage, MRC, cube, legacy VTK, VTI, TIFF, .npy, or raw with JSON";
+const READ: &str = "NIfTI, NRRD, MetaImage, MRC, cube, OpenDX, VTK, VTI, TIFF, .npy, .npz, or raw with JSON";
 
 /// Bytes that give a format away.
 enum Mark {
@@ -60,22 +60,15 @@ const FORMATS: &[(&[Mark], &str, &str)] = &[
          grid.copyToArray(a, lo); numpy.save(\"FILE.npy\", a.T)",
     ),
     (
-        &[Word("object")],
-        "OpenDX",
-        "save the grid in Python and give its delta as --spacing X,Y,Z:\n  import gridData, numpy\n  \
-         numpy.save(\"FILE.npy\", gridData.Grid(\"FILE\").grid.T)",
-    ),
-    (
-        &[At(0, b"\x03\0\0\0"), At(0, b"\0\0\0\x03")],
-        "perhaps gOpenMol .plt",
-        "save the grid in Python and give its delta as --spacing X,Y,Z:\n  import gridData, numpy\n  \
-         numpy.save(\"FILE.npy\", gridData.Grid(\"FILE\").grid.T)",
-    ),
-    (
         &[At(0, b"MATLAB 5.0")],
         "MATLAB",
         "save the array in Python, axes z, y, x:\n  import scipy.io, numpy\n  \
          numpy.save(\"FILE.npy\", scipy.io.loadmat(\"FILE\")[\"NAME\"].T)",
+    ),
+    (
+        &[At(252, b"\xef\xff\xe9\xb0"), At(252, b"\x2a\xe3\x89\xb8")],
+        "GIPL",
+        "convert it in Python:\n  import SimpleITK as sitk\n  sitk.WriteImage(sitk.ReadImage(\"FILE\"), \"FILE.nrrd\")",
     ),
     (&[At(0, b"ZISRAWFILE")], "Zeiss CZI", BIOFORMATS),
     (&[At(0, b"\xda\xce\xbe\x0a")], "Nikon ND2", BIOFORMATS),
@@ -123,6 +116,11 @@ fn named(head: &[u8]) -> (String, String) {
         At(at, bytes) => head.get(*at..).is_some_and(|rest| rest.starts_with(bytes)),
         Word(wanted) => word.eq_ignore_ascii_case(wanted),
     };
+    if is_mgh(head) {
+        let remedy = "convert it in Python:\n  import nibabel as nib\n  i = nib.load(\"FILE\")\n  \
+                      nib.save(nib.Nifti1Image(i.dataobj, i.affine), \"FILE.nii.gz\")";
+        return ("perhaps FreeSurfer's MGH (.mgz)".into(), remedy.into());
+    }
     if let Some((_, name, remedy)) = FORMATS.iter().find(|(marks, ..)| marks.iter().any(&fits)) {
         return ((*name).into(), (*remedy).into());
     }
@@ -139,6 +137,13 @@ fn named(head: &[u8]) -> (String, String) {
     let remedy = "convert it to NRRD or .npy, or describe raw samples in a JSON sidecar:\n  \
                   {\"dims\": [X, Y, Z], \"type\": \"uint16\", \"data\": \"FILE\"}";
     (format!("a file that starts with {start:?}"), remedy.into())
+}
+
+/// Whether the first bytes look like FreeSurfer's: version 1, four sizes and a type from 0 to 10, all big-endian.
+fn is_mgh(head: &[u8]) -> bool {
+    let words = head.get(..24).map(|head| head.as_chunks::<4>().0).unwrap_or_default();
+    let words: Vec<u32> = words.iter().map(|b| u32::from_be_bytes(*b)).collect();
+    matches!(words.as_slice(), [1, x, y, z, t, kind] if [x, y, z, t].iter().all(|n| (1..1 << 20).contains(*n)) && *kind <= 10)
 }
 
 /// VTK's formats in XML; `inside` follows `<VTKFile`.
@@ -160,11 +165,6 @@ fn vtk_xml(inside: &str) -> (String, String) {
 
 /// Zip archives by the first names in them.
 fn zip(text: &str) -> (String, String) {
-    if text.contains(".npy") {
-        let remedy = "save one of its arrays, axes z, y, x, in Python:\n  import numpy\n  \
-                      numpy.save(\"FILE.npy\", numpy.load(\"FILE\")[\"NAME\"])";
-        return ("NumPy .npz, an archive of arrays".into(), remedy.into());
-    }
     if [".zattrs", ".zarray", ".zgroup", "zarr.json"].iter().any(|name| text.contains(name)) {
         return zarr();
     }
@@ -211,16 +211,20 @@ mod tests {
     #[test]
     fn neighbours_are_named_with_a_way_out() {
         let at = |place: usize, bytes: &[u8]| [&vec![0; place], bytes].concat();
-        let cases: [(Vec<u8>, &str, &str); 15] = [
+        let mut mgh = [0; 300];
+        [3, 7, 11, 15, 19].into_iter().for_each(|at| mgh[at] = 1);
+        let cases: [(Vec<u8>, &str, &str); 17] = [
             (b"<VTKFile type=\"PRectilinearGrid\" v".into(), "PRectilinearGrid", "Resample To Image"),
             (b"<?xml version=\"1.0\"?>\n<OME/>".into(), "XML", "name the file"),
             (b"<VTKFile type=\"UnstructuredGrid\" v".into(), "UnstructuredGrid", "resample"),
             (at(128, b"DICM"), "DICOM", "dcm2niix"),
             (b"\x89HDF\r\n\x1a\n".into(), "HDF5", "h5py"),
             (b"CDF\x01".into(), "NetCDF", "netcdf_file"),
-            (b"PK\x03\x04....arr_0.npy".into(), ".npz", "numpy.load"),
+            (at(252, b"\xef\xff\xe9\xb0"), "GIPL", "SimpleITK"),
+            (mgh.to_vec(), "MGH", "nibabel"),
             (b"PK\x03\x04....x/.zattrs".into(), "OME-Zarr", "zarr.open"),
-            (b"# comment\nobject 1 class gridpositions counts 3 3 3".into(), "OpenDX", "gridData"),
+            (b"ZISRAWFILE\0\0".into(), "CZI", "bfconvert"),
+            (b"\x70\0\0\0\x2a\0\0\0".into(), "LIF", "bfconvert"),
             (b"SIMPLE  =                    T".into(), "FITS", "astropy"),
             (b" BDV\0\0\0\0".into(), "OpenVDB", "openvdb"),
             (b"\x89PNG\r\n".into(), "one picture", "folder"),

@@ -4,7 +4,7 @@
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
 use super::assemble::note;
-use super::format::tiff;
+use super::format::{npz, tiff};
 use super::read::{Format, ReadHint, detect, read_with};
 use super::source::Source;
 use super::{Volume, slices};
@@ -13,6 +13,9 @@ use crate::file::{Beside, open_named};
 use std::cell::RefCell;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
+
+/// Bytes that tell the formats that seek from others.
+const HEAD: u64 = 512;
 
 /// Reads the volume in a file, or in a folder with one file for each section; its name becomes the file's stem.
 ///
@@ -35,17 +38,26 @@ pub fn open_with(path: impl AsRef<Path>, hint: &ReadHint) -> Result<Volume> {
     }
     let (mut file, length) = open_named(path)?;
     let hint = ReadHint { name: stem(path), length, ..hint.clone() };
-    // TIFF wants to seek: a plain file can, so that its pages need not be held twice.
-    let mut head = [0; 4];
-    let is_tiff = length.is_some_and(|n| n >= 8)
-        && file.read_exact(&mut head).is_ok()
-        && matches!(detect(&head), Ok(Format::Tiff));
+    // TIFF and zip want to seek: a plain file can, so that what they hold need not be held twice.
+    let mut head = Vec::new();
+    let is_there = length.is_some() && (&mut file).take(HEAD).read_to_end(&mut head).is_ok();
+    let seeks = match detect(&head) {
+        Ok(format @ (Format::Tiff | Format::Npz)) if is_there => Some(format),
+        _ => None,
+    };
     if length.is_some() {
         file.seek(SeekFrom::Start(0)).map_err(|e| Error::io(path, "read", e))?;
     }
-    if let (true, Some(length)) = (is_tiff, length) {
-        hint.choice.no_arrays()?;
-        return tiff::read(BufReader::new(file), length, &hint).map_err(|e| e.in_file(path));
+    match (seeks, length) {
+        (Some(Format::Tiff), Some(length)) => {
+            hint.choice.no_arrays()?;
+            return tiff::read(BufReader::new(file), length, &hint).map_err(|e| e.in_file(path));
+        }
+        (Some(_), Some(_)) => {
+            hint.choice.of("NumPy .npz", Vec::new(), 1, &mut Vec::new())?;
+            return npz::read(BufReader::new(file), &hint).map_err(|e| e.in_file(path));
+        }
+        _ => {}
     }
     let beside = Beside::new(path, hint.choice.allow_outside);
     let read_too = RefCell::new(Vec::new());

@@ -8,21 +8,23 @@
 //!
 //! | format | read | not read (refused by name) |
 //! |---|---|---|
-//! | NIfTI-1 | .nii, pairs; all integer and real types; one time point and channel | NIfTI-2, complex, RGB |
+//! | NIfTI-1, -2 | .nii, pairs; all integer and real types; one time point and channel | complex, RGB |
 //! | NRRD | attached and detached; raw, gzip, ascii; one time point and channel | lists of files, hex, bzip2 |
 //! | MetaImage | .mha, .mhd; binary, zlib and text; one time point and channel | lists of files |
 //! | MRC, CCP4 | modes 0, 1, 2, 6, 12; any axis order and cell | complex and packed modes |
 //! | Gaussian cube | density and orbital files (first value of a point) | |
+//! | OpenDX | regular grids, text and binary, of positions or cells | other objects |
+//! | gOpenMol .plt | either byte order | |
 //! | legacy VTK | STRUCTURED_POINTS, ASCII and BINARY | other data sets, vectors |
 //! | VTK XML | .vti and .pvti: points or cells, text, base64 and raw, ZLib and LZ4; one array and component | LZMA, other data sets |
 //! | TIFF | grey pages; OME-TIFF and ImageJ by their metadata, one time point and channel; folders of slices | colour, sets of files |
-//! | NumPy .npy | three axes [z, y, x], either memory order | bool, complex, structures |
+//! | NumPy .npy, .npz | three axes [z, y, x], either memory order | bool, complex, structures |
 //! | raw | with a JSON sidecar | |
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
 use super::foreign;
-use super::format::{cube, metaimage, mrc, nifti, npy, nrrd, raw, tiff, vti, vtk};
+use super::format::{cube, dx, metaimage, mrc, nifti, npy, npz, nrrd, plt, raw, tiff, vti, vtk};
 use super::source::Source;
 use super::{Choice, Solid, Volume};
 use crate::error::{Error, Result};
@@ -87,7 +89,7 @@ pub(crate) fn read_with(mut source: Source, hint: &ReadHint, beside: Option<Open
         // Of these a file holds one volume.
         hint.choice.of("volume", Vec::new(), 1, &mut Vec::new())?;
     }
-    if format != Format::Vti {
+    if !matches!(format, Format::Vti | Format::Npz) {
         hint.choice.no_arrays()?;
     }
     match format {
@@ -100,6 +102,9 @@ pub(crate) fn read_with(mut source: Source, hint: &ReadHint, beside: Option<Open
         Format::Vti => vti::read(source, hint, beside),
         Format::Tiff => tiff::read_stream(source, hint),
         Format::Npy => npy::read(source, hint),
+        Format::Npz => npz::read_stream(source, hint),
+        Format::Dx => dx::read(source, hint),
+        Format::Plt => plt::read(source, hint),
         Format::Raw => raw::read(source, hint, beside),
     }
 }
@@ -115,6 +120,9 @@ pub(crate) enum Format {
     Vti,
     Tiff,
     Npy,
+    Npz,
+    Dx,
+    Plt,
     Raw,
 }
 
@@ -141,6 +149,15 @@ pub(crate) fn detect(head: &[u8]) -> Result<Format> {
     }
     if mrc::is_mrc(head) {
         return Ok(Format::Mrc);
+    }
+    if npz::is_npz(head) {
+        return Ok(Format::Npz);
+    }
+    if plt::is_plt(head) {
+        return Ok(Format::Plt);
+    }
+    if dx::is_dx(head) {
+        return Ok(Format::Dx);
     }
     if metaimage::is_metaimage(head) {
         return Ok(Format::MetaImage);

@@ -49,7 +49,27 @@ pub fn nifti() -> Vec<Seed> {
         bytes
     };
     let big: Vec<u8> = floats().iter().flat_map(|v| v.to_be_bytes()).collect();
-    vec![("u8.nii", [header(2, false), data()].concat()), ("f32_big.nii", [header(16, true), big].concat())]
+    let mut second = vec![0u8; 544];
+    let fields: [(usize, &[u8]); 6] = [
+        (0, &540i32.to_le_bytes()),
+        (4, b"n+2\0\r\n\x1a\n"),
+        (12, &2i16.to_le_bytes()),
+        (168, &544i64.to_le_bytes()),
+        (344, &1i32.to_le_bytes()),
+        (352, &0.5f64.to_le_bytes()),
+    ];
+    for (at, field) in fields {
+        second[at..at + field.len()].copy_from_slice(field);
+    }
+    for (i, d) in [3i64, 2, 3, 4, 1, 1, 1, 1].into_iter().enumerate() {
+        second[16 + 8 * i..24 + 8 * i].copy_from_slice(&d.to_le_bytes());
+        second[104 + 8 * i..112 + 8 * i].copy_from_slice(&1f64.to_le_bytes());
+    }
+    vec![
+        ("u8.nii", [header(2, false), data()].concat()),
+        ("f32_big.nii", [header(16, true), big].concat()),
+        ("second.nii", [second, data()].concat()),
+    ]
 }
 
 pub fn nrrd() -> Vec<Seed> {
@@ -113,6 +133,131 @@ pub fn vtk() -> Vec<Seed> {
     ]
 }
 
+// From here to the end of `npz`: formats of which a file can be read whole by these functions alone.
+fn zlib(bytes: &[u8]) -> Vec<u8> {
+    use std::io::Write;
+    let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
+    encoder.write_all(bytes).expect("memory");
+    encoder.finish().expect("memory")
+}
+
+pub fn vti() -> Vec<Seed> {
+    let file = |root: &str, section: &str, array: &str, appended: &[u8]| {
+        let head = format!(
+            "<?xml version=\"1.0\"?>\n<!-- x -->\n<VTKFile type=\"ImageData\" byte_order=\"LittleEndian\" {root}>\n<ImageData \
+             WholeExtent=\"1 2 0 2 -1 2\" Origin=\"0 1 2\" Spacing=\"1 2 3\" Direction=\"0 1 0 1 0 0 0 0 1\">\n<Piece Extent=\"1 2 0 2 \
+             -1 2\">\n<{section}>\n<DataArray Name=\"h\" {array}</PointData>\n</Piece>\n</ImageData>\n"
+        );
+        let end: &[u8] = if appended.is_empty() { b"" } else { b"\n</AppendedData>\n" };
+        [head.as_bytes(), appended, end, b"</VTKFile>\n"].concat()
+    };
+    let text: String = floats().iter().map(|v| format!("{v} ")).collect();
+    let raw = [b"<AppendedData encoding=\"raw\">\n_".as_slice(), &24u32.to_le_bytes(), &data()].concat();
+    let base64 = "GAAAAAAAAAA=AAECAwQFBgcICQoLDA0ODxAREhMUFRYX";
+    // Two blocks of zlib, and one of LZ4 of literals alone.
+    let blocks = [zlib(&data()[..16]), zlib(&data()[16..])];
+    let head = [2, 16, 8, blocks[0].len() as u64, blocks[1].len() as u64].map(u64::to_le_bytes).concat();
+    let packed = [b"<AppendedData encoding=\"raw\">_".as_slice(), &head, &blocks.concat()].concat();
+    let lz4 = [vec![0xf0, 9], data()].concat();
+    let head = [1, 24, 0, lz4.len() as u32].map(u32::to_le_bytes).concat();
+    let lz4 = [b"<AppendedData encoding=\"raw\">_".as_slice(), &head, &lz4].concat();
+    let bytes = "type=\"UInt8\" format=\"appended\" offset=\"0\"/>";
+    let two = format!(
+        "type=\"Float64\" format=\"ascii\">{text}</DataArray><DataArray Name=\"v\" type=\"UInt8\" NumberOfComponents=\"1\" \
+         format=\"binary\">{base64}</DataArray>"
+    );
+    vec![
+        ("ascii.vti", file("", "PointData", &format!("type=\"Float32\" format=\"ascii\">{text}</DataArray>"), b"")),
+        ("raw.vti", file("", "PointData Scalars=\"h\"", bytes, &raw)),
+        ("zlib.vti", file("header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\"", "PointData", bytes, &packed)),
+        ("lz4.vti", file("compressor=\"vtkLZ4DataCompressor\"", "PointData", bytes, &lz4)),
+        ("two.vti", file("header_type=\"UInt64\"", "PointData Scalars=\"h\"", &two, b"")),
+    ]
+}
+
+pub fn metaimage() -> Vec<Seed> {
+    let head = |kind: &str, more: &str| {
+        format!(
+            "ObjectType = Image\nNDims = 3\nDimSize = 2 3 4\nElementType = MET_{kind}\nElementSpacing = 1 2 3\nOffset = 1 -2 3\n\
+             TransformMatrix = 0 1 0 1 0 0 0 0 1\n{more}ElementDataFile = LOCAL\n"
+        )
+    };
+    let join = |head: String, data: &[u8]| [head.as_bytes(), data].concat();
+    let big: Vec<u8> = floats().iter().flat_map(|v| v.to_be_bytes()).collect();
+    let text: String = floats().iter().map(|v| format!("{v} ")).collect();
+    let series = head("UCHAR", "ElementNumberOfChannels = 1\n")
+        .replace("NDims = 3", "NDims = 4")
+        .replace("2 3 4\n", "2 3 2 2\n")
+        .replace("1 2 3\n", "1 2 3 4\n")
+        .replace("1 -2 3\n", "1 -2 3 0\n")
+        .replace("0 1 0 1 0 0 0 0 1", "0 1 0 0 1 0 0 0 0 0 1 0 0 0 0 1");
+    vec![
+        ("u8.mha", join(head("UCHAR", ""), &data())),
+        ("f32_big.mha", join(head("FLOAT", "BinaryDataByteOrderMSB = True\n"), &big)),
+        ("zlib.mha", join(head("UCHAR", "CompressedData = True\nAnatomicalOrientation = RAI\n"), &zlib(&data()))),
+        ("text.mha", join(head("DOUBLE", "BinaryData = False\n"), text.as_bytes())),
+        ("series.mha", join(series, &data())),
+    ]
+}
+
+pub fn dx() -> Vec<Seed> {
+    let head = |counts: &str, array: &str| {
+        format!(
+            "# x\nobject 1 class gridpositions counts {counts}\norigin 1 -2 3\ndelta 0.5 0 0\ndelta 0 0.7 0.1\ndelta 0 0 1.1\n\
+             object 2 class gridconnections counts {counts}\nobject \"the data\" class array {array} data follows\n"
+        )
+    };
+    let text: String = floats().iter().map(|v| format!("{v} ")).collect();
+    let end = "\nattribute \"dep\" string \"positions\"\nobject \"x y\" class field\n";
+    let big: Vec<u8> = floats().iter().flat_map(|v| v.to_be_bytes()).collect();
+    vec![
+        ("text.dx", (head("2 3 4", "type double rank 0 items 24") + &text + end).into_bytes()),
+        ("cells.dx", (head("3 4 5", "type float rank 0 items 24") + &text + end).into_bytes()),
+        ("big.dx", [head("2 3 4", "type float rank 0 items 24 msb ieee").as_bytes(), &big].concat()),
+    ]
+}
+
+pub fn plt() -> Vec<Seed> {
+    let numbers = [3u32, 200, 4, 3, 2];
+    let ends = [0.0f32, 3.0, -1.0, 1.0, 0.5, 1.0];
+    let rest = [&ends[..], &floats()].concat();
+    let big = numbers.iter().flat_map(|n| n.to_be_bytes()).chain(rest.iter().flat_map(|v| v.to_be_bytes()));
+    let little = numbers.iter().flat_map(|n| n.to_le_bytes()).chain(rest.iter().flat_map(|v| v.to_le_bytes()));
+    vec![("big.plt", big.collect()), ("little.plt", little.collect())]
+}
+
+pub fn npz() -> Vec<Seed> {
+    let npy = |descr: &str, shape: &str, data: &[u8]| {
+        let head = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({shape}), }}\n");
+        [&b"\x93NUMPY\x01\0"[..], &[head.len() as u8, 0], head.as_bytes(), data].concat()
+    };
+    let zip = |entries: &[(&str, Vec<u8>)], deflate: bool| {
+        let (mut out, mut directory) = (Vec::new(), Vec::new());
+        for (name, bytes) in entries {
+            let mut crc = flate2::Crc::new();
+            crc.update(bytes);
+            // A stream of zlib without its two bytes in front and its checksum.
+            let stream = zlib(bytes);
+            let packed = if deflate { &stream[2..stream.len() - 4] } else { bytes };
+            let sizes = [crc.sum(), packed.len() as u32, bytes.len() as u32].map(u32::to_le_bytes).concat();
+            let length = (name.len() as u16).to_le_bytes();
+            let fields =
+                [&[20, 0, 0, 0, if deflate { 8 } else { 0 }, 0, 0, 0, 0x21, 0], &sizes[..], &length, &[0, 0]].concat();
+            let offset = (out.len() as u32).to_le_bytes();
+            out.extend([b"PK\x03\x04", &fields[..], name.as_bytes(), packed].concat());
+            directory.extend([b"PK\x01\x02\x14\0", &fields[..], &[0; 10], &offset, name.as_bytes()].concat());
+        }
+        let count = (entries.len() as u16).to_le_bytes();
+        let [start, length] = [out.len() as u32, directory.len() as u32].map(u32::to_le_bytes);
+        [&out[..], &directory, b"PK\x05\x06\0\0\0\0", &count, &count, &length, &start, &[0, 0]].concat()
+    };
+    let map: Vec<u8> = (0..12).flat_map(|i| f64::from(u8::from(i % 5 == 0)).to_le_bytes()).collect();
+    let array = ("h.npy", npy("|u1", "4, 3, 2", &data()));
+    let ours =
+        [array.clone(), ("affine.npy", npy("<f8", "3, 4", &map)), ("unit.npy", npy("<U2", "", b"m\0\0\0m\0\0\0"))];
+    vec![("stored.npz", zip(&[array], false)), ("deflated.npz", zip(&ours, true))]
+}
+
 pub fn npy() -> Vec<Seed> {
     let file = |descr: &str, order: &str, data: &[u8]| {
         let head = format!("{{'descr': '{descr}', 'fortran_order': {order}, 'shape': (4, 3, 2), }}\n");
@@ -161,7 +306,16 @@ pub fn pairs() -> Vec<Seed> {
     nifti[108..112].copy_from_slice(&0f32.to_le_bytes());
     let nhdr =
         "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 3 4\nencoding: raw\nbyte skip: -1\ndata file: samples.raw\n";
-    vec![("pair.hdr", nifti), ("detached.nhdr", nhdr.into())]
+    let mhd = "NDims = 3\nDimSize = 2 3 4\nElementType = MET_UCHAR\nHeaderSize = -1\nElementDataFile = samples.raw\n";
+    let pvti = "<VTKFile type=\"PImageData\"><PImageData WholeExtent=\"1 2 0 2 -1 2\" Origin=\"0 1 2\" Spacing=\"1 2 3\" \
+                Direction=\"0 1 0 1 0 0 0 0 1\"><PPointData Scalars=\"h\"><PDataArray type=\"UInt8\" Name=\"h\"/></PPointData>\
+                <Piece Extent=\"1 2 0 2 -1 2\" Source=\"piece.vti\"/></PImageData></VTKFile>";
+    vec![
+        ("pair.hdr", nifti),
+        ("detached.nhdr", nhdr.into()),
+        ("detached.mhd", mhd.into()),
+        ("pieces.pvti", pvti.into()),
+    ]
 }
 
 fn pattern(width: usize, height: usize) -> Vec<[f32; 3]> {

@@ -59,12 +59,17 @@ enum Kind {
     Scene,
 }
 
-pub const TARGETS: [Target; 18] = [
+pub const TARGETS: [Target; 23] = [
     volume("nifti", seeds::nifti),
     volume("nrrd", seeds::nrrd),
     volume("mrc", seeds::mrc),
     volume("cube", seeds::cube),
     volume("vtk", seeds::vtk),
+    volume("vti", seeds::vti),
+    volume("metaimage", seeds::metaimage),
+    volume("dx", seeds::dx),
+    volume("plt", seeds::plt),
+    volume("npz", seeds::npz),
     volume("npy", seeds::npy),
     volume("tiff", seeds::tiff),
     Target { name: "raw", seeds: seeds::raw, limit: VOLUME_LIMIT, gate_runs: 1000, kind: Kind::Pair },
@@ -156,6 +161,8 @@ impl Bench {
                     std::fs::write(at(name), &samples).expect("written");
                 }
                 std::fs::write(at("samples.gz"), mutate::gzip(&samples)).expect("written");
+                let piece = std::fs::read(corpus("vti").join("raw.vti")).expect("a piece");
+                std::fs::write(at("piece.vti"), piece).expect("written");
             }
             Kind::Volume | Kind::Probe | Kind::Mesh | Kind::Scene => {}
         }

@@ -233,6 +233,10 @@ def vtk_files():
         holds("VTI", path, np.arange(4 * 6 * 8).reshape(4, 6, 8).astype("i2"), inner, ["--array", "label"])
     several.GetPointData().SetActiveScalars("density")
     holds("VTI", write(several, "active.vti"), PHANTOM.astype("u2"), affine_of(np.eye(3)))
+    # Parts that share a layer of points, perhaps with ghosts.
+    for (count, ghosts), compressor, mode in itertools.product([(1, 0), (3, 0), (4, 1)], ["None", "ZLib"], ["appended raw", "ascii"]):
+        path = write(moved, f"parts-{count}-{ghosts}-{compressor}-{mode}.pvti", mode, compressor, parts=(count, ghosts))
+        holds("pVTI", path, PHANTOM.astype("f4"), places(moved))
 
 
 def itk_files():
@@ -295,7 +299,100 @@ def itk_files():
             holds(title, late, (PHANTOM + 1000 * c).astype("i2"), places(series), ["--timepoint", str(c)])
 
 
-CHECKS = [vtk_files, itk_files]
+def nibabel_files():
+    import nibabel
+
+    for (version, make), (name, direction), code, suffix, order in itertools.product(
+        [(1, nibabel.Nifti1Image), (2, nibabel.Nifti2Image)], FRAMES.items(), ["sform", "qform"], ["nii", "nii.gz"], "<>"
+    ):
+        affine = affine_of(direction)
+        header = make.header_class(endianness=order)
+        header.set_data_dtype(order + "i2")
+        image = make(PHANTOM.astype("i2"), affine, header)
+        image.set_sform(affine if code == "sform" else None, int(code == "sform"))
+        image.set_qform(affine if code == "qform" else None, int(code == "qform"))
+        image.header.set_xyzt_units("mm", "sec")
+        path = folder / f"{name}-{code}-{'little' if order == '<' else 'big'}-{version}.{suffix}"
+        nibabel.save(image, path)
+        holds(f"NIfTI-{version}", path, PHANTOM.astype("i2"), nibabel.load(path).affine, metres=1e-3)
+        assert np.allclose(nibabel.load(path).affine, affine, atol=1e-4)
+    for kind in ["u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"]:
+        image = nibabel.Nifti2Image(PHANTOM.astype(kind), affine_of(OBLIQUE), dtype=np.dtype(kind))
+        nibabel.save(image, folder / f"{kind}.nii")
+        holds("NIfTI-2", folder / f"{kind}.nii", PHANTOM.astype(kind), affine_of(OBLIQUE))
+    both = np.stack([np.stack([PHANTOM + 1000 * c + 2000 * t for t in range(3)], axis=3) for c in range(2)], axis=4)
+    for version, make in [(1, nibabel.Nifti1Image), (2, nibabel.Nifti2Image)]:
+        path = folder / f"series-{version}.nii.gz"
+        nibabel.save(make(both.astype("i2"), affine_of(OBLIQUE)), path)
+        refused(f"NIfTI-{version}", path, "channels", options=["--channel", "2"])
+        for c, t in itertools.product(range(2), range(3)):
+            options = ["--channel", str(c), "--timepoint", str(t)]
+            holds(f"NIfTI-{version}", path, both[..., t, c].astype("i2"), affine_of(OBLIQUE), options)
+        pair = nibabel.Nifti1Pair if version == 1 else nibabel.Nifti2Pair
+        nibabel.save(pair(PHANTOM.astype("i2"), affine_of(OBLIQUE)), folder / f"pair-{version}.img")
+        holds(f"NIfTI-{version}", folder / f"pair-{version}.hdr", PHANTOM.astype("i2"), affine_of(OBLIQUE))
+
+
+def nrrd_files():
+    import nrrd
+
+    for (name, direction), encoding, detached in itertools.product(FRAMES.items(), ["raw", "gzip", "ascii"], [False, True]):
+        affine = affine_of(direction)
+        header = {"space": "left-posterior-superior", "space directions": affine[:3, :3].T, "space origin": ORIGIN,
+                  "space units": ["mm"] * 3, "encoding": encoding}
+        path = folder / f"{name}-{encoding}-{detached}.{'nhdr' if detached else 'nrrd'}"
+        nrrd.write(str(path), PHANTOM.astype("u2"), header, detached_header=detached)
+        holds("NRRD", path, PHANTOM.astype("u2"), ras(affine), metres=1e-3)
+
+
+def grid_files():
+    import gridData
+
+    edges = lambda spacing: [ORIGIN[a] + spacing[a] * (np.arange(DIMS[a] + 1) - 0.5) for a in range(3)]
+    for kind, suffix in itertools.product(["f4", "f8", "i4"], ["dx", "dx.gz"]):
+        path = folder / f"{kind}.{suffix}"
+        grid = gridData.Grid(PHANTOM.astype(kind), edges=edges(SPACING))
+        grid.export(str(path), "DX")
+        read = gridData.Grid(str(path))
+        affine = affine_of(np.diag(read.delta), np.ones(3), read.origin)
+        assert np.array_equal(read.grid, PHANTOM) and np.allclose(affine, affine_of(np.eye(3)))
+        holds("DX", path, PHANTOM.astype(kind), affine, metres=1e-10)
+    # An oblique grid as text, which GridDataFormats reads but does not write.
+    steps = affine_of(OBLIQUE)[:3, :3]
+    lines = ["# oblique", f"object 1 class gridpositions counts {' '.join(map(str, DIMS))}", f"origin {' '.join(map(str, ORIGIN))}"]
+    lines += ["delta " + " ".join(map(repr, map(float, steps[:, a]))) for a in range(3)]
+    lines += [f"object 2 class gridconnections counts {' '.join(map(str, DIMS))}"]
+    lines += [f"object 3 class array type double rank 0 items {PHANTOM.size} data follows"]
+    lines += [" ".join(map(str, row)) for row in PHANTOM.reshape(-1, 3)] + ['attribute "dep" string "positions"']
+    (folder / "oblique.dx").write_text("\n".join(lines) + "\n")
+    holds("DX", folder / "oblique.dx", PHANTOM.astype("f8"), affine_of(OBLIQUE))
+    for order in "<>":
+        # Borders of the first and the last cell, as GridDataFormats reads them.
+        first, last = ORIGIN - SPACING / 2, ORIGIN + SPACING * (np.array(DIMS) - 0.5)
+        head = struct.pack(order + "5i", 3, 200, *DIMS[::-1])
+        head += struct.pack(order + "6f", *[v for a in (2, 1, 0) for v in (first[a], last[a])])
+        path = folder / f"{'little' if order == '<' else 'big'}.plt"
+        path.write_bytes(head + PHANTOM.astype(order + "f4").tobytes(order="F"))
+        read = gridData.Grid(str(path))
+        assert np.array_equal(read.grid, PHANTOM) and np.allclose(read.origin, ORIGIN, atol=1e-5)
+        holds("PLT", path, PHANTOM.astype("f4"), affine_of(np.eye(3), read.delta, read.origin), metres=1e-10)
+
+
+def numpy_files():
+    for save, kind in itertools.product([np.savez, np.savez_compressed], ["u1", "u2", ">i2", "f4", ">f8", "i8"]):
+        zyx = np.ascontiguousarray(PHANTOM.transpose(2, 1, 0).astype(kind))
+        native = PHANTOM.astype(np.dtype(kind).newbyteorder("="))
+        path = folder / f"{save.__name__}-{kind.replace('>', 'big')}.npz"
+        save(path, volume=zyx, scalar=3.5)
+        holds("npz", path, native, np.eye(4))
+        save(path, volume=np.asfortranarray(zyx), affine=affine_of(OBLIQUE), unit=np.array("um"))
+        holds("npz", path, native, affine_of(OBLIQUE), metres=1e-6)
+        save(path, a=zyx, b=zyx[::-1], spacing=SPACING)
+        refused("npz", path, "one of a, b", options=["--array", "c"])
+        holds("npz", path, native[:, :, ::-1], affine_of(np.eye(3), SPACING, np.zeros(3)), ["--array", "b"])
+
+
+CHECKS = [vtk_files, itk_files, nibabel_files, nrrd_files, grid_files, numpy_files]
 if len(sys.argv) > 2:
     CHECKS = [c for c in CHECKS if c.__name__ in sys.argv[2:]]
 for check in CHECKS:

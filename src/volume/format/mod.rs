@@ -2,18 +2,21 @@
 //!
 //! # Panics
 //! None, on any bytes (`tests/fuzz`). `unwrap` and `expect` are denied in all readers. Indexing is denied
-//! where places are computed from the file: cube, VTK, VTI, MetaImage, TIFF (but for the axes of OME), raw. In NIfTI, MRC, NRRD and NumPy it stays:
+//! where places are computed from the file: cube, OpenDX, gOpenMol, .npz, VTK, VTI, MetaImage, TIFF (but for the axes of OME), raw. In NIfTI, MRC, NRRD and NumPy it stays:
 //! indices there are axes, 0 to 2, or fixed offsets into headers of a fixed length, and the formula reads
 //! like the format's definition.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
 pub(crate) mod cube;
+pub(crate) mod dx;
 pub(crate) mod metaimage;
 pub(crate) mod mrc;
 pub(crate) mod nifti;
 pub(crate) mod npy;
+pub(crate) mod npz;
 pub(crate) mod nrrd;
+pub(crate) mod plt;
 pub(crate) mod raw;
 pub(crate) mod tiff;
 pub(crate) mod vti;

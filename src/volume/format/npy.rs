@@ -3,7 +3,7 @@
 //! spacing: world = grid, unit unknown.
 
 use super::super::assemble::{Parts, assemble, permute};
-use super::super::decode::{self, Endian, Type, checked_count};
+use super::super::decode::{self, Data, Endian, Type, checked_count};
 use super::super::read::ReadHint;
 use super::super::source::Source;
 use super::super::{LengthUnit, Series, Volume};
@@ -17,8 +17,9 @@ const LONGEST_HEADER: usize = 64 * 1024;
 /// The header's parser is recursive: deeper nesting than any plain array has is refused first.
 const MOST_BRACKETS: usize = 64;
 
-pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
-    let header = header(&mut source)?;
+/// The samples, x fastest, and how many along x, y, z.
+pub(super) fn array(source: &mut Source, hint: &ReadHint) -> Result<(Data, [usize; 3])> {
+    let header = header(source)?;
     let (kind, endian) = sample_type(&header.dtype())?;
     let shape: Vec<u64> = header.shape().to_vec();
     let extra = shape.len().saturating_sub(3);
@@ -31,13 +32,55 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
         ));
     };
     let count = checked_count(NAME, file, kind.size(), source.at_most(), hint)?;
-    let data = decode::binary(&mut source, NAME, kind, endian, count)?;
-    source.verify_end(NAME)?;
+    let data = decode::binary(source, NAME, kind, endian, count)?;
     let [z, y, x] = file.map(|n| n as usize);
-    let (data, dims) = match header.order() {
+    Ok(match header.order() {
         Order::C => (data, [x, y, z]),
         Order::Fortran => permute(data, [z, y, x], [2, 1, 0]),
+    })
+}
+
+/// How many axes an array has that are longer than 1, at least the last three of those that it has.
+pub(super) fn rank(source: &mut Source) -> Result<usize> {
+    let shape = header(source)?.shape().to_vec();
+    let ones = shape.iter().take(shape.len().saturating_sub(3)).take_while(|n| **n == 1).count();
+    Ok(shape.len() - ones)
+}
+
+/// More numbers than an affine has are none of ours.
+const MOST_NUMBERS: u64 = 64;
+
+/// The few numbers of a small array, in C order.
+pub(super) fn numbers(source: &mut Source) -> Result<Vec<f64>> {
+    let header = header(source)?;
+    let (kind, endian) = sample_type(&header.dtype())?;
+    let count = header.shape().iter().try_fold(1u64, |n, &d| n.checked_mul(d)).filter(|&n| n <= MOST_NUMBERS);
+    let (Some(count), Order::C) = (count, header.order()) else {
+        let found = format!("an array of shape {:?}", header.shape());
+        return Err(Error::format(NAME, found, "a few numbers in C order", "save spacing and affine as small arrays"));
     };
+    Ok(decode::binary(source, NAME, kind, endian, count as usize)?.numbers())
+}
+
+/// A word: an array of one string.
+pub(super) fn word(source: &mut Source) -> Result<String> {
+    let header = header(source)?;
+    let refuse =
+        || Error::format(NAME, "a unit that is no text", "a word such as \"mm\"", "save it with numpy.array(\"mm\")");
+    let DType::Plain(plain) = header.dtype() else { return Err(refuse()) };
+    let length = plain.size_field();
+    if plain.type_char() != TypeChar::UnicodeStr || length > MOST_NUMBERS || header.shape().iter().any(|&n| n != 1) {
+        return Err(refuse());
+    }
+    let endian = if plain.endianness() == Endianness::Big { Endian::Big } else { Endian::Little };
+    let codes = decode::binary(source, NAME, Type::U32, endian, length as usize)?.numbers();
+    let text: Option<String> = codes.iter().map(|c| char::from_u32(*c as u32)).collect();
+    text.map(|text| text.trim_end_matches('\0').to_string()).ok_or_else(refuse)
+}
+
+pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
+    let (data, dims) = array(&mut source, hint)?;
+    source.verify_end(NAME)?;
     let (world_from_grid, unit, notes) = (Affine::IDENTITY, LengthUnit::Unknown, Vec::new());
     assemble(
         Parts {

@@ -1,10 +1,12 @@
 //! Tests of the readers on bytes made here, field by field from the formats' definitions.
 
 mod arrays;
+mod grids;
 mod hostile;
 mod maps;
 mod metaimage;
 mod nifti;
+mod npz;
 mod nrrd;
 mod phantom;
 mod real;

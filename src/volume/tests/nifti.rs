@@ -175,8 +175,8 @@ fn relatives_and_nonsense_are_refused_by_name() {
     let little = Order::Little;
     let mut two = vec![0; 540];
     two[..4].copy_from_slice(&540i32.to_le_bytes());
-    two[4..8].copy_from_slice(b"n+2\0");
-    assert!(refusal(&two).contains("NIfTI-2"));
+    two[4..12].copy_from_slice(b"n+2\0\n\x1a\n\n");
+    assert!(refusal(&two).contains("copied as text"));
     let mut analyze = Header::new(little, &[2, 1, 1], 2);
     analyze.set(344, vec![0; 4]);
     assert!(refusal(&analyze.with([1, 2])).contains("ANALYZE"));
@@ -230,4 +230,87 @@ fn a_transform_code_makes_the_frame_anatomical() {
     for code in 1..=5 {
         assert_eq!([ball(code, 0), ball(0, code)], [Up::Anatomical; 2], "{code}");
     }
+}
+
+/// A header of NIfTI-2; offsets from nifti2.h.
+fn second(o: Order, dims: &[i64], code: i16) -> Header {
+    let mut header = Header { order: o, bytes: vec![0; 544] };
+    header.set(0, o.i32(540));
+    header.set(4, b"n+2\0\r\n\x1a\n".to_vec());
+    header.set(12, o.i16(code));
+    header.set(16, o.i64(dims.len() as i64));
+    for (i, d) in dims.iter().enumerate() {
+        header.set(24 + 8 * i, o.i64(*d));
+    }
+    header.doubles(104, &[1.0; 8]);
+    header.set(168, o.i64(544));
+    header
+}
+
+impl Header {
+    fn doubles(&mut self, at: usize, values: &[f64]) {
+        for (i, v) in values.iter().enumerate() {
+            self.set(at + 8 * i, self.order.f64(*v));
+        }
+    }
+}
+
+#[test]
+fn the_phantom_comes_back_from_both_versions() {
+    use super::phantom::{self, ORIGIN, SPACING, assert_phantom};
+    for axes in phantom::directions() {
+        let rows = (axes * DMat3::from_diagonal(DVec3::from_array(SPACING))).transpose();
+        let rows: Vec<f64> = (0..3).flat_map(|r| [rows.col(r).x, rows.col(r).y, rows.col(r).z, ORIGIN[r]]).collect();
+        for o in ORDERS {
+            let data = phantom::samples(|v| o.u16(v));
+            let mut one = Header::new(o, &[5, 7, 9], 512);
+            one.set(254, o.i16(1));
+            one.floats(280, &rows.iter().map(|v| *v as f32).collect::<Vec<_>>());
+            let mut two = second(o, &[5, 7, 9], 512);
+            two.set(348, o.i32(1));
+            two.doubles(400, &rows);
+            two.set(500, o.i32(2));
+            for bytes in [one.with(data.clone()), two.with(data.clone()), gzip(&two.with(data))] {
+                assert_phantom(&load(&bytes).unwrap(), axes, ORIGIN);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_second_version_has_the_same_rules() {
+    for o in ORDERS {
+        // The quarter turn of the first version, exactly half of which is stored.
+        let mut header = second(o, &[2, 2, 2], 2);
+        header.doubles(104, &[-1.0, 2.0, 3.0, 4.0]);
+        header.set(344, o.i32(1));
+        header.doubles(352, &[0.0, 0.0, std::f64::consts::FRAC_1_SQRT_2, 10.0, 20.0, 30.0]);
+        header.doubles(176, &[0.5, -3.0]);
+        header.set(500, o.i32(3 | 8));
+        let volume = load(&header.with([0; 8])).unwrap();
+        assert_close(volume.world_from_grid().point(DVec3::ONE), DVec3::new(7.0, 22.0, 26.0), 1e-14);
+        assert_eq!((volume.slope(), volume.inter(), volume.unit), (0.5, -3.0, LengthUnit::Metres(1e-6)));
+        assert_eq!(volume.up, Up::Anatomical);
+        let series = second(o, &[2, 1, 1, 3], 2).with(0..6);
+        let choice = Choice { timepoint: Some(2), ..Choice::default() };
+        let last = read(&series[..], &ReadHint { choice, ..ReadHint::default() }).unwrap();
+        assert_eq!(last.samples(), &Samples::U8(vec![4, 5]));
+    }
+    let little = |dims: &[i64]| refusal(&second(Order::Little, dims, 2).with([0; 64]));
+    assert!(little(&[-5, 1, 1]).contains("size -5"));
+    assert!(little(&[10_000, 10_000, 10_000]).contains("1000000000000 bytes"));
+    assert!(little(&[i64::MAX, i64::MAX, 2]).contains("2^64"));
+    assert!(little(&[1, 1, 1, i64::MAX, 2]).contains("channels"));
+    assert!(little(&[1, 1, 1, 1, i64::MAX]).contains("seven dimensions"));
+    let mut cut = second(Order::Little, &[2, 2, 2], 2);
+    cut.set(168, Order::Little.i64(300));
+    assert!(refusal(&cut.with([0; 8])).contains("vox_offset 300"));
+    assert!(refusal(&cut.bytes[..539]).contains("header"));
+    let folder = tempfile::tempdir().unwrap();
+    let mut pair = second(Order::Big, &[2, 1, 1], 2);
+    pair.set(4, b"ni2\0".to_vec());
+    pair.set(168, vec![0; 8]);
+    std::fs::write(folder.path().join("head.hdr"), &pair.bytes[..540]).unwrap();
+    std::fs::write(folder.path().join("head.img"), [7, 8]).unwrap();
+    assert_eq!(open(folder.path().join("head.hdr")).unwrap().samples(), &Samples::U8(vec![7, 8]));
 }

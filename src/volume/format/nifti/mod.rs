@@ -1,64 +1,35 @@
-//! NIfTI-1 (nifti.nimh.nih.gov, `nifti1.h`). The header is parsed by the `nifti` crate. The
-//! samples are decoded here: the crate reserves what the header claims before it reads, and
-//! applies scl_slope only together with ndarray.
+//! NIfTI-1 and NIfTI-2 (nifti.nimh.nih.gov, `nifti1.h`, `nifti2.h`), by hand: the crate `nifti` refuses the second, reserves
+//! what the header claims before it reads, and applies scl_slope only together with ndarray.
 //!
 //! World is RAS+: the sform where its code is not 0, else the qform, else pixdim along the axes
 //! with the first sample at the origin (method 1 of the standard).
 
+mod header;
+
 use super::super::assemble::{Parts, assemble, note};
-use super::super::decode::{self, Endian, Type, checked_count};
+use super::super::decode::{self, Type, checked_count};
 use super::super::read::{OpenBeside, ReadHint};
 use super::super::source::Source;
 use super::super::{LengthUnit, Note, Volume};
 use super::{affine, needs_second_file};
 use crate::error::{Error, Result};
 use crate::geom::{Affine, Up};
-use ::nifti::{Endianness, NiftiHeader};
 use glam::{DMat3, DVec3};
+use header::Header;
 use std::path::Path;
 
-const NAME: &str = "NIfTI";
-const HEADER: usize = 348;
+pub(crate) use header::is_nifti;
 
-/// Whether the first bytes are those of NIfTI-1; relatives are refused by name.
-pub(crate) fn is_nifti(head: &[u8]) -> Result<bool> {
-    let Some(size) = head.first_chunk::<4>() else { return Ok(false) };
-    let sizes = [i32::from_le_bytes(*size), i32::from_be_bytes(*size)];
-    let magic = |at: usize| head.get(at..at + 4).unwrap_or_default();
-    if sizes.contains(&540) && matches!(magic(4), b"n+2\0" | b"ni2\0") {
-        return Err(Error::format(
-            NAME,
-            "NIfTI-2",
-            "NIfTI-1",
-            "convert it, for example with nibabel: Nifti1Image.from_image",
-        ));
-    }
-    if matches!(magic(344), b"n+1\0" | b"ni1\0") {
-        return Ok(true);
-    }
-    if sizes.contains(&348) && head.len() >= HEADER {
-        return Err(Error::format(
-            NAME,
-            "a header of 348 bytes without NIfTI's magic, perhaps ANALYZE 7.5",
-            "\"n+1\" at byte 344",
-            "convert it to NIfTI-1; ANALYZE does not say where left is",
-        ));
-    }
-    Ok(false)
-}
+const NAME: &str = "NIfTI";
 
 pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBeside>) -> Result<Volume> {
-    let bytes: [u8; HEADER] = source.array(NAME, "header")?;
-    let header = NiftiHeader::from_reader(&bytes[..]).map_err(|e| {
-        Error::format(NAME, format!("a damaged header ({e})"), "a NIfTI-1 header", "copy or download the file again")
-    })?;
+    let header = Header::read(&mut source)?;
     let mut notes = Vec::new();
     let (dims, times, components) = dims(&header)?;
     let series = hint.choice.of(NAME, vec![String::new(); components], times, &mut notes)?;
     let kind = sample_type(header.datatype)?;
-    let offset = f64::from(header.vox_offset);
-    let pair = &header.magic == b"ni1\0";
-    let smallest = if pair { 0.0 } else { HEADER as f64 };
+    let offset = header.vox_offset;
+    let smallest = if header.is_pair { 0.0 } else { header.length as f64 };
     if !(offset.is_finite() && (smallest..=1e15).contains(&offset)) {
         return Err(Error::format(
             NAME,
@@ -68,7 +39,7 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
         ));
     }
     let mut skip = offset as u64;
-    if pair {
+    if header.is_pair {
         // The header of a pair: the samples lie in the .img file beside it.
         let open = beside.ok_or_else(|| needs_second_file(NAME, ".img"))?;
         source = open(Path::new(&format!("{}.img", hint.name)))
@@ -77,22 +48,22 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
             source = source.gunzip();
         }
     } else {
-        skip -= HEADER as u64;
+        skip -= header.length as u64;
     }
     source.skip(NAME, skip, "header extensions")?;
     // Time runs faster than components.
-    let before = (series.timepoint + times * series.channel) as u64;
-    let bytes = dims.iter().try_fold(before * kind.size() as u64, |n, &d| n.checked_mul(d));
+    let before = times.checked_mul(series.channel).and_then(|n| n.checked_add(series.timepoint)).map(|n| n as u64);
+    let bytes = before.and_then(|n| n.checked_mul(kind.size() as u64));
+    let bytes = bytes.and_then(|n| dims.iter().try_fold(n, |n, &d| n.checked_mul(d)));
     let refuse = || Error::format(NAME, "more than 2^64 bytes", "fewer samples", "the header is damaged");
     source.skip(NAME, bytes.ok_or_else(refuse)?, "the volumes before")?;
     let count = checked_count(NAME, dims, kind.size(), source.at_most(), hint)?;
-    let endian = if header.endianness == Endianness::Little { Endian::Little } else { Endian::Big };
-    let data = decode::binary(&mut source, NAME, kind, endian, count)?;
-    if before + 1 == (times * components) as u64 {
+    let data = decode::binary(&mut source, NAME, kind, header.endian, count)?;
+    if series.timepoint + 1 == times && series.channel + 1 == components {
         source.verify_end(NAME)?; // else more follows
     }
 
-    let (slope, inter) = match (f64::from(header.scl_slope), f64::from(header.scl_inter)) {
+    let (slope, inter) = match (header.scl_slope, header.scl_inter) {
         // "If the scl_slope field is nonzero, then each voxel value should be scaled"; writers
         // put NaN where they mean nothing (nibabel).
         (slope, inter) if slope.is_finite() && slope != 0.0 => (slope, if inter.is_finite() { inter } else { 0.0 }),
@@ -115,35 +86,32 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
 }
 
 /// The three spatial dimensions, time points, and components; the sixth and seventh dimension must be 1.
-fn dims(header: &NiftiHeader) -> Result<([u64; 3], usize, usize)> {
-    let rank = usize::from(header.dim[0]);
+fn dims(header: &Header) -> Result<([u64; 3], usize, usize)> {
+    let rank = header.dim[0];
     if !(1..=7).contains(&rank) {
         return Err(Error::format(NAME, format!("{rank} dimensions"), "1 to 7", "the header is damaged"));
     }
+    let rank = rank as usize;
     let mut dims = [1u64; 7];
     for axis in 0..rank {
         let size = header.dim[axis + 1];
-        // The field is signed in the standard: a negative size arrives as more than 32767.
-        if size == 0 || size > i16::MAX as u16 {
-            return Err(Error::format(
-                NAME,
-                format!("size {} of dimension {}", size as i16, axis + 1),
-                "1 to 32767",
-                "correct the header",
-            ));
-        }
-        dims[axis] = u64::from(size);
+        let sound = u64::try_from(size).ok().filter(|&n| n > 0);
+        dims[axis] = sound.ok_or_else(|| {
+            let found = format!("size {size} of dimension {}", axis + 1);
+            Error::format(NAME, found, "1 or more", "correct the header")
+        })?;
     }
     let [x, y, z, times, components, sixth, seventh] = dims;
-    if sixth * seventh > 1 {
+    // More names of components than any file has would take memory.
+    if sixth > 1 || seventh > 1 || components > 1 << 16 {
         return Err(Error::format(
             NAME,
             format!("seven dimensions: {dims:?}"),
-            "three of space, one of time, one of components",
+            "three of space, one of time, one of up to 65536 components",
             "cut out a part, for example with nibabel: img.slicer[..., 0, 0]",
         ));
     }
-    Ok(([x, y, z], times as usize, components as usize))
+    Ok(([x, y, z], usize::try_from(times).unwrap_or(usize::MAX), components as usize))
 }
 
 fn sample_type(code: i16) -> Result<Type> {
@@ -173,18 +141,17 @@ fn sample_type(code: i16) -> Result<Type> {
 }
 
 /// The affine, and whether a transform of the header gives it: without one the axes have no anatomical meaning.
-fn world(header: &NiftiHeader, notes: &mut Vec<Note>) -> Result<(Affine, bool)> {
-    let wide = |v: &[f32]| DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]));
+fn world(header: &Header, notes: &mut Vec<Note>) -> Result<(Affine, bool)> {
     if header.sform_code > 0 {
-        let rows = [header.srow_x, header.srow_y, header.srow_z];
-        let linear = DMat3::from_cols(wide(&rows[0]), wide(&rows[1]), wide(&rows[2])).transpose();
-        let offset = DVec3::from_array(rows.map(|r| f64::from(r[3])));
+        let rows = header.srow;
+        let linear = DMat3::from_cols_array_2d(&rows.map(|[x, y, z, _]| [x, y, z])).transpose();
+        let offset = DVec3::from_array(rows.map(|r| r[3]));
         if let Some(affine) = Affine::new(linear, offset) {
             return Ok((affine, true));
         }
         notes.push(note("the sform is not invertible and was ignored", 1));
     }
-    let mut spacing = wide(&header.pixdim[1..4]).abs();
+    let mut spacing = DVec3::from_slice(&header.pixdim[1..4]).abs();
     for axis in 0..3 {
         if !(spacing[axis].is_finite() && spacing[axis] > 0.0) {
             notes.push(note(format!("pixdim {} is {}, 1 is used", axis + 1, header.pixdim[axis + 1]), 1));
@@ -193,9 +160,9 @@ fn world(header: &NiftiHeader, notes: &mut Vec<Note>) -> Result<(Affine, bool)> 
     }
     let scale = DMat3::from_diagonal(spacing);
     if header.qform_code > 0 {
-        let offset = wide(&[header.quatern_x, header.quatern_y, header.quatern_z]);
+        let offset = DVec3::from_array(header.qoffset);
         let mirror = if header.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
-        let rotation = rotation(wide(&[header.quatern_b, header.quatern_c, header.quatern_d]));
+        let rotation = rotation(DVec3::from_array(header.quatern_bcd));
         let mirrored = DMat3::from_diagonal(DVec3::new(1.0, 1.0, mirror));
         return Ok((affine(NAME, rotation * mirrored * scale, offset)?, true));
     }
