@@ -37,7 +37,8 @@ pub(super) struct VolumeArgs {
     /// Distance of the samples along x, y, z in place of the file's, perhaps with a unit: mm, um, nm, A, bohr
     #[arg(long, value_name = "X,Y,Z[UNIT]")]
     pub(super) spacing: Option<Spacing>,
-    /// The channel of a file that has several (OME-TIFF, ImageJ, NIfTI, NRRD, MetaImage, components of VTI), counted from 0, or its name
+    /// The channel of a file that has several (OME-TIFF, ImageJ, NIfTI, NRRD, MetaImage; a component of VTI), counted from
+    /// 0, or its name
     #[arg(long, value_name = "N|NAME")]
     pub(super) channel: Option<Channel>,
     /// The time point of a file that has several, counted from 0 [default: the first]

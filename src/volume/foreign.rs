@@ -143,7 +143,8 @@ fn named(head: &[u8]) -> (String, String) {
 fn is_mgh(head: &[u8]) -> bool {
     let words = head.get(..24).map(|head| head.as_chunks::<4>().0).unwrap_or_default();
     let words: Vec<u32> = words.iter().map(|b| u32::from_be_bytes(*b)).collect();
-    matches!(words.as_slice(), [1, x, y, z, t, kind] if [x, y, z, t].iter().all(|n| (1..1 << 20).contains(*n)) && *kind <= 10)
+    let is_size = |n: &u32| (1..1 << 20).contains(n);
+    matches!(words.as_slice(), [1, sizes @ .., kind] if sizes.iter().all(is_size) && *kind <= 10)
 }
 
 /// VTK's formats in XML; `inside` follows `<VTKFile`.
@@ -152,7 +153,7 @@ fn vtk_xml(inside: &str) -> (String, String) {
     let remedy = match kind {
         "RectilinearGrid" | "StructuredGrid" | "UnstructuredGrid" | "PRectilinearGrid" | "PStructuredGrid"
         | "PUnstructuredGrid" => {
-            "resample it to ImageData, in ParaView with Resample To Image, or in Python:\n  import pyvista\n  m = pyvista.read(\"FILE\")\n  \
+            "resample it to ImageData (ParaView: Resample To Image), in Python:\n  import pyvista\n  m = pyvista.read(\"FILE\")\n  \
              s = pyvista.create_grid(m, dimensions=(128, 128, 128)).sample(m)\n  \
              g = pyvista.ImageData(dimensions=s.dimensions, spacing=s.spacing)\n  \
              g[\"v\"] = s[\"NAME\"]; g.save(\"FILE.vti\")"

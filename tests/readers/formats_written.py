@@ -223,9 +223,10 @@ def vtk_files():
     add(several.GetPointData(), PHANTOM.astype("u2"), "density")
     add(several.GetPointData(), vectors, "velocity")
     add(several.GetCellData(), np.arange(4 * 6 * 8).reshape(4, 6, 8).astype("i2"), "label")
-    for mode, compressor in [("ascii", "None"), ("binary", "None"), ("binary", "ZLib"), ("appended raw", "ZLib"), ("appended base64", "None")]:
+    pairs = ["ascii None", "binary None", "binary ZLib", "appended raw ZLib", "appended base64 None"]
+    for mode, compressor in [pair.rsplit(" ", 1) for pair in pairs]:
         path = write(several, f"several-{mode}-{compressor}.vti", mode, compressor)
-        refused("VTI", path.rename(path), "density, velocity, label", "--array", options=["--array", "none"])
+        refused("VTI", path, "density, velocity, label", "--array", options=["--array", "none"])
         holds("VTI", path, PHANTOM.astype("u2"), affine_of(np.eye(3)), ["--array", "density"])
         for c in range(3):
             holds("VTI", path, vectors[c], affine_of(np.eye(3)), ["--array", "velocity", "--channel", str(c)])

@@ -2,7 +2,8 @@
 //!
 //! # Panics
 //! None, on any bytes (`tests/fuzz`). `unwrap` and `expect` are denied in all readers. Indexing is denied
-//! where places are computed from the file: cube, OpenDX, gOpenMol, .npz, VTK, VTI, MetaImage, TIFF (but for the axes of OME), raw. In NIfTI, MRC, NRRD and NumPy it stays:
+//! where places are computed from the file: cube, OpenDX, gOpenMol, .npz, VTK, VTI (but for the joining of pieces, which
+//! are checked to lie in the whole), MetaImage, TIFF (but for the axes of OME), raw. In NIfTI, MRC, NRRD and NumPy it stays:
 //! indices there are axes, 0 to 2, or fixed offsets into headers of a fixed length, and the formula reads
 //! like the format's definition.
 

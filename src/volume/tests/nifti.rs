@@ -233,7 +233,7 @@ fn a_transform_code_makes_the_frame_anatomical() {
 }
 
 /// A header of NIfTI-2; offsets from nifti2.h.
-fn second(o: Order, dims: &[i64], code: i16) -> Header {
+pub(super) fn second(o: Order, dims: &[i64], code: i16) -> Header {
     let mut header = Header { order: o, bytes: vec![0; 544] };
     header.set(0, o.i32(540));
     header.set(4, b"n+2\0\r\n\x1a\n".to_vec());

@@ -10,7 +10,7 @@ fn npy(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
 }
 
 /// Names that numpy gives to the fields of a zip entry: APPNOTE.TXT 4.3.7 and 4.3.12.
-fn zip(entries: &[(&str, Vec<u8>)], deflate: bool) -> Vec<u8> {
+pub(super) fn zip(entries: &[(&str, Vec<u8>)], deflate: bool) -> Vec<u8> {
     let (mut out, mut directory) = (Vec::new(), Vec::new());
     for (name, bytes) in entries {
         let mut crc = flate2::Crc::new();

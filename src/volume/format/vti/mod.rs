@@ -80,7 +80,8 @@ struct Frame {
     whole: Extent,
     origin: DVec3,
     spacing: DVec3,
-    direction: DMat3,
+    /// Absent before VTK 9, and in the headers of parts that VTK 9 writes.
+    direction: Option<DMat3>,
 }
 
 impl Frame {
@@ -88,18 +89,22 @@ impl Frame {
         let whole = attributes.get("WholeExtent").ok_or_else(|| damaged("ImageData without WholeExtent", "it"))?;
         let three =
             |name: &str, default: DVec3| numbers::<3>(attributes, name).map(|n| n.map_or(default, DVec3::from_array));
-        // Nine numbers by rows; absent before VTK 9.
+        // Nine numbers by rows.
         let rows = numbers::<9>(attributes, "Direction")?;
         Ok(Self {
             whole: Extent::parse(&whole)?,
             origin: three("Origin", DVec3::ZERO)?,
             spacing: three("Spacing", DVec3::ONE)?,
-            direction: rows.map_or(DMat3::IDENTITY, |rows| DMat3::from_cols_array(&rows).transpose()),
+            direction: rows.map(|rows| DMat3::from_cols_array(&rows).transpose()),
         })
     }
 
+    fn axes(&self) -> DMat3 {
+        self.direction.unwrap_or(DMat3::IDENTITY)
+    }
+
     fn world_from_grid(&self, of_cells: bool) -> Result<Affine> {
-        let linear = self.direction * DMat3::from_diagonal(self.spacing);
+        let linear = self.axes() * DMat3::from_diagonal(self.spacing);
         let mut first = DVec3::from_array(self.whole.first.map(|n| n as f64));
         if of_cells {
             let is_flat = [0, 1, 2].map(|a| self.whole.first.get(a) == self.whole.last.get(a));
@@ -114,7 +119,7 @@ impl Frame {
         let size = self.spacing.abs().max_element() + self.origin.abs().max_element();
         near(self.origin, other.origin, size)
             && near(self.spacing, other.spacing, size)
-            && [0, 1, 2].into_iter().all(|a| near(self.direction.col(a), other.direction.col(a), 1.0))
+            && [0, 1, 2].into_iter().all(|a| near(self.axes().col(a), other.axes().col(a), 1.0))
     }
 }
 
@@ -183,12 +188,12 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
         notes.push(note(format!("array {name} of {} is read{how}", series.arrays.len()), 1));
     }
     let wanted = Wanted { name: &name, of_cells, components: series.channels.len(), channel: series.channel };
-    let (frame, is_parallel) = (document.frame, document.is_parallel);
-    let blocks = if is_parallel {
+    let mut frame = document.frame;
+    let blocks = if document.is_parallel {
         let open = beside.ok_or_else(|| {
             needs_second_file(NAME, document.pieces.first().and_then(|p| p.source.as_deref()).unwrap_or(""))
         })?;
-        parts(&document, &wanted, hint, open)?
+        parts(&document, &mut frame, &wanted, hint, open)?
     } else {
         document.blocks(source, &wanted, hint)?
     };
@@ -214,24 +219,29 @@ fn choose(arrays: &[Array], choice: &Choice) -> Result<usize> {
     choice.array_of(NAME, &names, active(false).or_else(|| active(true).filter(|_| only_cells)))
 }
 
-/// Samples of the files that a header of parts names.
-fn parts(document: &Document, wanted: &Wanted, hint: &ReadHint, open: OpenBeside) -> Result<Vec<Block>> {
+/// Samples of the files that a header of parts names. Where it has no Direction, that of the parts is the frame's.
+fn parts(
+    document: &Document,
+    frame: &mut Frame,
+    wanted: &Wanted,
+    hint: &ReadHint,
+    open: OpenBeside,
+) -> Result<Vec<Block>> {
     let mut blocks = Vec::new();
     let choice = Choice { array: Some(wanted.name.into()), ..Choice::default() };
     for piece in &document.pieces {
         let name = piece.source.as_deref().ok_or_else(|| damaged("a piece without Source", "the name of its file"))?;
-        let read = || {
+        let mut read = || {
             let mut source = open(Path::new(name))?;
             if source.is_gzip().map_err(|e| Error::from_read(NAME, "a piece", e))? {
                 source = source.gunzip();
             }
             let part = Document::parse(&mut source, hint, &choice)?;
-            if part.is_parallel || !document.frame.fits(&part.frame) {
-                let found = format!("a piece with Origin {} and Spacing {}", part.frame.origin, part.frame.spacing);
-                let expected = format!(
-                    "ImageData with {} and {}, as the .pvti says",
-                    document.frame.origin, document.frame.spacing
-                );
+            frame.direction.get_or_insert(part.frame.axes());
+            if part.is_parallel || !frame.fits(&part.frame) {
+                let said = |f: &Frame| format!("Origin {}, Spacing {} and Direction {}", f.origin, f.spacing, f.axes());
+                let found = format!("a piece with {}", said(&part.frame));
+                let expected = format!("ImageData with {}, as the .pvti says", said(frame));
                 return Err(Error::format(NAME, found, expected, "save all pieces anew"));
             }
             part.blocks(source, wanted, hint)
