@@ -91,6 +91,7 @@
 //! | [`srgb`] | the transfer function of sRGB, both ways | everything else |
 //! | [`sampling`] | numbers by their index, Owen-Sobol points, warps in threes, statistics, `DirectionalSource` | volumes, SH, threads, the clock |
 //! | [`sh`] | basis, coefficients, projection, rotation, windows | colour, images, volumes |
+//! | [`model`] | implicit models: trees of primitives and operators with value and gradient, sampled in bricks | volumes, SH, files, TOML |
 //! | [`probe`] | environment images, skies, projection, orientation | volumes, transfer |
 //! | [`volume`] | samples and grid, readers from `impl Read`, analytic fields | light, rays |
 //! | [`level`] | rays with an isovalue for life, the min/max pyramid, roots in a cell, B-spline normals | light, SH, random numbers |
@@ -139,6 +140,8 @@ pub mod sampling;
 #[doc(hidden)]
 pub mod sh;
 pub mod probe;
+#[doc(hidden)]
+pub mod model;
 pub mod volume;
 #[doc(hidden)]
 pub mod level;

@@ -23,6 +23,8 @@ pub const LAYERS: &[Layer] = &[
     layer("sampling", &[]),
     layer("sh", &[]),
     layer("probe", &[]),
+    // Not files, not random numbers.
+    layer("model", &["finding", "file", "staging", "sampling", "sh", "probe"]),
     layer("volume", &["sh", "probe"]),
     layer("level", &["sh", "sampling", "probe"]),
     // Not light, not SH.
@@ -145,6 +147,7 @@ pub const FORBIDDEN: &[Rule] = &[
 
 /// Where rayon may be named: file (or the beginning of its path) and the loop it runs.
 pub const RAYON_FILES: &[(&str, &str)] = &[
+    ("src/model/sample.rs", "slabs of bricks"),
     ("src/transport/", "texels in bricks"),
     ("src/bake/checks.rs", "check points"),
     ("src/volume/mod.rs", "range and finiteness of the samples"),
