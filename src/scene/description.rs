@@ -60,7 +60,7 @@
 //! index = 1.5
 //!
 //! [[objects]]
-//! shape = "mesh"                 # .obj, .ply, .gltf, .glb; triangles counter-clockwise seen from the front
+//! shape = "mesh"                 # .obj, .ply, .stl, .gltf, .glb; triangles counter-clockwise seen from the front
 //! file = "table.obj"
 //! scale = 0.01
 //! rotate = [0, 0, 1, 90]         # axis and degrees
@@ -109,6 +109,7 @@
 //! ```
 
 mod material;
+mod model;
 mod read;
 mod settings;
 mod surroundings;
@@ -118,6 +119,7 @@ mod volumes;
 mod tests;
 
 pub use material::Albedo;
+pub use model::{Files, ModelDescription, Size};
 pub use settings::{BakeDescription, CameraDescription, ProbeDescription, TextureSize};
 pub use surroundings::{ReadFile, Surroundings, WallDescription, WallShape};
 pub use volumes::VolumeDescription;
@@ -144,6 +146,8 @@ pub struct SceneDescription {
     pub file: String,
     /// A path from the folder of the file, or a field such as `gyroid:96`; the first one where there are several.
     pub volume: Located<String>,
+    /// The line of the section `[model]`, if that is the volume: `volume` is then the name of this file with its samples.
+    pub model: Option<usize>,
     /// Where there are several: all of them, at least two. Isovalues are those of the first.
     pub volumes: Vec<VolumeDescription>,
     /// Which isovalues of several volumes are shown together; there where they are.
@@ -170,8 +174,9 @@ pub struct SceneDescription {
     pub outputs: Vec<Located<String>>,
 }
 
-const KEYS: [&str; 15] = [
+const KEYS: [&str; 16] = [
     "volume",
+    "model",
     "volumes",
     "coupling",
     "solid",
@@ -200,11 +205,20 @@ impl SceneDescription {
         let document = source.table()?;
         let all = Section::new(source, document.get_ref(), "", &KEYS)?;
         let (volumes, coupling) = volumes::read(&all)?;
-        let volume = match volumes.first() {
-            Some(first) => first.volume.clone(),
-            None => {
+        let model = model::glance(&all)?;
+        if let (Some((line, _)), Some(other)) = (model, all.get("volume").or(all.get("volumes"))) {
+            return Err(other.refuse(format!("one volume: line {line} has a [model]"), "take one of them out"));
+        }
+        let volume = match (volumes.first(), model) {
+            (Some(first), _) => first.volume.clone(),
+            (None, Some((line, samples))) => {
+                // The model is read again where volumes are opened, by the name that it has beside this scene.
+                let name = std::path::Path::new(file).file_name().map(|n| n.to_string_lossy().into_owned());
+                Located { value: format!("{}:{samples}", name.unwrap_or_default()), line }
+            }
+            (None, None) => {
                 let volume = all.get("volume").ok_or_else(|| {
-                    let remedy = "write volume = \"brain.nii.gz\", or a field such as \"bumpbox:96\"";
+                    let remedy = "write volume = \"brain.nii.gz\", a field such as \"bumpbox:96\", or a [model]";
                     source.error(0, "no key `volume`", "the volume of the scene", remedy)
                 })?;
                 Located { value: volume.text()?.to_string(), line: volume.line() }
@@ -239,6 +253,7 @@ impl SceneDescription {
         Ok(Self {
             file,
             volume,
+            model: model.map(|(line, _)| line),
             volumes,
             coupling,
             solid,
@@ -306,9 +321,9 @@ fn isovalue(item: &Item<'_>) -> Result<Located<String>> {
 
 fn output(item: &Item<'_>) -> Result<Located<String>> {
     let name = item.text()?;
-    let known = [".glb", ".ply", ".png"].iter().any(|end| name.to_ascii_lowercase().ends_with(end));
+    let known = [".glb", ".ply", ".stl", ".png"].iter().any(|end| name.to_ascii_lowercase().ends_with(end));
     if !known && !name.ends_with('/') {
-        return Err(item.refuse("a name ending in .glb, .ply or .png", "the ending decides the format"));
+        return Err(item.refuse("a name ending in .glb, .ply, .stl or .png", "the ending decides the format"));
     }
     Ok(Located { value: name.to_string(), line: item.line() })
 }

@@ -1,6 +1,7 @@
 //! A volume to be lit: how it is opened, how its isovalues are chosen, and how they follow those of the volumes beside it.
 
 use super::geometry::Geometry;
+use super::model::{self, ModelName};
 use super::{Coupled, Coupling, MOST_ISOVALUES, nearest};
 use crate::error::{Error, Result};
 use crate::geom::Up;
@@ -76,7 +77,7 @@ impl VolumeOptions {
             ("--channel", self.choice.channel.is_some()),
             ("--timepoint", self.choice.timepoint.is_some()),
             ("--array", self.choice.array.is_some()),
-            ("--keep-largest", self.keep_largest && what != "a field"),
+            ("--keep-largest", self.keep_largest && !["a field", "a model"].contains(&what)),
         ];
         match given.iter().find(|(_, given)| *given) {
             None => Ok(()),
@@ -132,17 +133,24 @@ impl Member {
         }
     }
 
-    /// Opens a volume file, or samples the analytic field of that name, such as `bumpbox:96`.
+    /// Opens a volume file, or samples the analytic field of that name, such as `bumpbox:96`, or a model, such as
+    /// `mug.toml:96`.
     ///
     /// # Errors
     /// When there is no such file, or it cannot be read as asked; a name that is nearly one that exists gets a suggestion.
     pub fn open(name: &str, options: &VolumeOptions) -> Result<Self> {
-        let (mut volume, label, default_isovalue) = match field::by_name(name)? {
-            Some(named) => {
+        let of_model = ModelName::of(name).filter(|model| Path::new(model.path).is_file());
+        let (mut volume, label, default_isovalue) = match (field::by_name(name)?, of_model) {
+            (Some(named), _) => {
                 options.refuse_for("a field")?;
                 (named.sample()?, name.to_string(), Some(named.field.default_isovalue()))
             }
-            None => (open_file(name, options)?, file_name(name), None),
+            (None, Some(of_model)) => {
+                options.refuse_for("a model")?;
+                let sampled = model::open(&of_model, options.choice.allow_outside)?;
+                (sampled.volume, file_name(name), Some(sampled.isovalue))
+            }
+            (None, None) => (open_file(name, options)?, file_name(name), None),
         };
         if let Some(side) = options.solid {
             volume.solid = side;
@@ -366,6 +374,7 @@ fn missing(name: &str) -> Error {
         return missing_store(name);
     }
     let word = name.split(':').next().unwrap_or(name);
+    let name = ModelName::of(name).map_or(name, |model| model.path);
     let remedy = if let Some(near) = nearest(word, field::NAMES) {
         format!("did you mean the field {near}?")
     } else if let Some(near) = nearest_beside(name, |_| true) {

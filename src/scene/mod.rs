@@ -8,6 +8,7 @@ mod effects;
 pub mod geometry;
 mod material;
 mod member;
+mod model;
 mod names;
 mod open;
 mod plan;
@@ -18,8 +19,8 @@ pub use colormap::Colormap;
 pub use coupling::{Coupled, Coupling, IsovalueMap};
 #[doc(hidden)]
 pub use description::{
-    Albedo, BakeDescription, CameraDescription, Located, MOST_ISOVALUES, ProbeDescription, ReadFile, SceneDescription,
-    Surroundings, TextureSize, VolumeDescription, WallDescription, WallShape,
+    Albedo, BakeDescription, CameraDescription, Files, Located, MOST_ISOVALUES, ModelDescription, ProbeDescription,
+    ReadFile, SceneDescription, Size, Surroundings, TextureSize, VolumeDescription, WallDescription, WallShape,
 };
 pub use effects::{EFFECTS, EffectSwitch, Effects};
 #[doc(hidden)]
@@ -27,6 +28,8 @@ pub use material::{EmissionRule, MaterialRule, Table};
 pub use member::{Front, Member, VolumeOptions};
 #[doc(hidden)]
 pub use member::{check_count, missing_store};
+#[doc(hidden)]
+pub use model::{ModelName, describe, sample};
 #[doc(hidden)]
 pub use names::nearest;
 pub use open::{DARK, Scene, SceneFile, distant_light};

@@ -2,6 +2,7 @@
 
 use super::geometry::{Among, DistantLight, Geometry, Partner, TriangleMesh};
 use super::member::{AmongOthers, nearest_beside};
+use super::model::ModelName;
 use super::{Coupled, Coupling, Effects, Member, SceneDescription, VolumeDescription, VolumeOptions, WallShape};
 use crate::error::{Error, Result};
 use crate::file::{self, Beside};
@@ -157,7 +158,9 @@ impl SceneFile {
         let members = if description.volumes.is_empty() {
             let volume = &description.volume;
             let opened = Member::open(&self.place_of(&volume.value), options);
-            let mut member = opened.map_err(|error| description.at_line(volume.line, error))?;
+            // A model names its lines itself.
+            let is_model = ModelName::of(&volume.value).is_some();
+            let mut member = opened.map_err(|e| if is_model { e } else { description.at_line(volume.line, e) })?;
             member.geometry = self.geometry(&member.volume, effects, options.choice.allow_outside)?;
             vec![member]
         } else {
@@ -291,7 +294,8 @@ impl SceneFile {
         let probe = description.probe.iter().filter(|probe| probe.is_file).map(|probe| &probe.name.value);
         let fixed = description.surroundings.environments.iter().map(|environment| &environment.image.value);
         let named = volumes.chain(walls).chain(probe).chain(fixed).chain([&description.volume.value]);
-        named.map(|name| self.folder.join(name)).collect()
+        let of_model = |name: &'_ String| ModelName::of(name).map_or(name.as_str(), |model| model.path).to_string();
+        named.map(|name| self.folder.join(of_model(name))).collect()
     }
 }
 
@@ -369,7 +373,7 @@ fn read_mesh_file(path: &Path) -> Result<Vec<u8>> {
     file::read(path, MOST_MESH_BYTES).map_err(|error| match error {
         Error::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
             let remedy = "correct the path; it starts from the folder of the scene";
-            Error::argument("file", path.display(), "a mesh that exists (.obj, .ply, .gltf, .glb)", remedy)
+            Error::argument("file", path.display(), "a mesh that exists (.obj, .ply, .stl, .gltf, .glb)", remedy)
         }
         other => other,
     })

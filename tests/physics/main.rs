@@ -10,6 +10,7 @@ mod hard_environments;
 mod hard_rays;
 mod lamps;
 mod light;
+mod models;
 mod open;
 mod photons;
 mod relight_transport;

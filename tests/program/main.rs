@@ -11,6 +11,7 @@ mod hard_cli;
 mod hard_files;
 mod isovalues;
 mod lazy;
+mod model;
 mod planned;
 mod resume;
 mod scene;

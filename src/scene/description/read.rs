@@ -119,6 +119,29 @@ impl<'a> Item<'a> {
         Section::new(self.source, table, &self.name, known)
     }
 
+    /// The entries of a table by their keys, each with its whole name; of any keys.
+    pub(super) fn entries(&self) -> Option<Vec<(String, Item<'a>)>> {
+        let entry = |(key, value): (&'a Spanned<_>, &'a Spanned<DeValue<'a>>)| {
+            let word: &std::borrow::Cow<'a, str> = key.get_ref();
+            let name = format!("{}.{word}", self.name);
+            // A table written as [a.b] spans its header; a message is to point there.
+            let span = if value.get_ref().is_table() { key.span() } else { value.span() };
+            (word.to_string(), Item { source: self.source, name, span, value: value.get_ref() })
+        };
+        self.value.as_table().map(|table| table.iter().map(entry).collect())
+    }
+
+    /// The value of a key, if this is a table that has it.
+    pub(super) fn peek(&self, key: &str) -> Option<Item<'a>> {
+        let value = self.value.as_table()?.get(key)?;
+        Some(Item {
+            source: self.source,
+            name: format!("{}.{key}", self.name),
+            span: value.span(),
+            value: value.get_ref(),
+        })
+    }
+
     /// A finite number.
     pub(super) fn number(&self) -> Result<f64> {
         self.as_number().ok_or_else(|| self.refuse("a number", "write a number without quotes, such as 0.5"))

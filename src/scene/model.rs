@@ -1,0 +1,165 @@
+//! Models in TOML as volumes: `model.toml` and `model.toml:128` wherever a volume is named.
+
+use super::description::{Files, ModelDescription, Size};
+use super::geometry::{TriangleMesh, read_mesh};
+use crate::error::{Error, Result};
+use crate::file::{self, Beside};
+use crate::geom::Affine;
+use crate::volume::{Note, Samples, Solid, Volume};
+use glam::DVec3;
+use std::path::Path;
+
+/// Longest text of a model: as of a scene.
+const MOST_BYTES: u64 = 1 << 26;
+/// Longest file that a model names.
+const MOST_FILE_BYTES: u64 = 1 << 32;
+/// Most samples along a side.
+const MOST_SAMPLES: usize = 4096;
+
+/// The name of a model, taken apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ModelName<'a> {
+    /// The file.
+    pub path: &'a str,
+    size: Option<&'a str>,
+}
+
+impl<'a> ModelName<'a> {
+    /// The file of a model and perhaps its size; `None` where the name is no name of a TOML file.
+    pub fn of(name: &'a str) -> Option<Self> {
+        let is_toml = |path: &str| path.to_ascii_lowercase().ends_with(".toml");
+        if is_toml(name) {
+            return Some(Self { path: name, size: None });
+        }
+        let (path, size) = name.rsplit_once(':')?;
+        is_toml(path).then_some(Self { path, size: Some(size) })
+    }
+
+    fn size(&self) -> Result<Option<Size>> {
+        let Some(text) = self.size else { return Ok(None) };
+        let number = |n: &str| n.parse().ok().filter(|n| (2..=MOST_SAMPLES).contains(n));
+        let numbers: Option<Vec<usize>> = text.split('x').map(number).collect();
+        match numbers.as_deref() {
+            Some(&[n]) => Ok(Some(Size::Longest(n))),
+            Some(&[x, y, z]) => Ok(Some(Size::Exactly([x, y, z]))),
+            _ => {
+                let expected =
+                    format!("{}:N or {}:XxYxZ with 2 to {MOST_SAMPLES} samples along a side", self.path, self.path);
+                let given = format!("{}:{text}", self.path);
+                Err(Error::argument("model", given, expected, format!("for example {}:128", self.path)))
+            }
+        }
+    }
+}
+
+/// A model as a volume.
+pub(super) struct Sampled {
+    pub(super) volume: Volume,
+    /// The isovalue at which its nodes mean what they say.
+    pub(super) isovalue: f64,
+}
+
+/// Files beside the model.
+struct BesideModel(Beside);
+
+impl Files for BesideModel {
+    fn mesh(&mut self, name: &str) -> Result<TriangleMesh> {
+        let path = self.0.path(name)?;
+        let bytes = file::read(&path, MOST_FILE_BYTES)?;
+        let beside = Beside::new(&path, false);
+        let mut read = |other: &str, most: u64| beside.read(other, most.min(MOST_FILE_BYTES));
+        read_mesh(&bytes, &mut read).map_err(|e| e.in_file(&path))
+    }
+
+    fn bytes(&mut self, name: &str) -> Result<Vec<u8>> {
+        self.0.read(name, MOST_FILE_BYTES)
+    }
+}
+
+/// Reads the description of a model.
+///
+/// # Errors
+/// When the file cannot be read or makes no sense; each names the line.
+pub fn describe(name: &ModelName<'_>, allow_outside: bool) -> Result<ModelDescription> {
+    let size = name.size()?;
+    let text = String::from_utf8(file::read(name.path, MOST_BYTES)?).map_err(|_| {
+        let expected = "text in UTF-8";
+        Error::format("model", "bytes that are no text", expected, "save it as UTF-8").in_file(name.path)
+    })?;
+    let mut files = BesideModel(Beside::new(name.path, allow_outside));
+    ModelDescription::read(&text, name.path, size, &mut files)
+}
+
+/// Samples a model.
+///
+/// # Errors
+/// As [`describe`]; when memory does not suffice.
+pub(super) fn open(name: &ModelName<'_>, allow_outside: bool) -> Result<Sampled> {
+    let model = describe(name, allow_outside)?;
+    let volume = sample(&model, stem(name.path))?;
+    Ok(Sampled { volume, isovalue: model.isovalue })
+}
+
+fn stem(path: &str) -> String {
+    Path::new(path).file_stem().map_or_else(|| "model".into(), |s| s.to_string_lossy().into_owned())
+}
+
+/// The volume of a model.
+///
+/// # Errors
+/// When memory does not suffice, or a value is beyond what samples can be.
+pub fn sample(model: &ModelDescription, name: String) -> Result<Volume> {
+    let dims = model.dims;
+    let count = dims.iter().try_fold(1usize, |n, &d| n.checked_mul(d));
+    let mut values: Vec<f32> = Vec::new();
+    if count.is_none_or(|n| values.try_reserve_exact(n).is_err()) {
+        return Err(Error::Limit {
+            what: format!("the model {name} at {}x{}x{}", dims[0], dims[1], dims[2]),
+            needed: format!("{} bytes", 4.0 * dims.iter().map(|&d| d as f64).product::<f64>()),
+            limit: "the memory of this machine".into(),
+            remedy: "give fewer samples".into(),
+        });
+    }
+    let counters = model.tree.sample(&model.bounds, dims, true, &mut values);
+    let intervals = DVec3::from_array(dims.map(|n| (n - 1) as f64));
+    let world_from_grid = Affine::from_spacing(model.bounds.size() / intervals, model.bounds.min);
+    let world_from_grid = world_from_grid.ok_or_else(|| {
+        Error::argument(
+            "bounds",
+            format!("{:?}", model.bounds),
+            "a box with a volume",
+            "correct the bounds of the model",
+        )
+    })?;
+    let mut volume = Volume::new(dims, Samples::F32(values), world_from_grid)?;
+    volume.name = name;
+    volume.up = model.up.unwrap_or_default();
+    volume.solid = model.solid.unwrap_or_default();
+    volume.convex_side = model.tree.is_convex().then_some(Solid::Above);
+    volume.notes = model.notes.iter().map(|text| Note { text: text.clone(), count: 1 }).collect();
+    if counters.mended > 0 {
+        let text =
+            format!("{} values of the model are missing (NaN) and take the least of the others", counters.mended);
+        volume.notes.push(Note { text, count: counters.mended });
+    }
+    Ok(volume)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_models_are_taken_apart() {
+        let of = |name: &'static str| ModelName::of(name).map(|m| (m.path, m.size().map_err(|e| e.to_string())));
+        assert_eq!(of("a/b.toml"), Some(("a/b.toml", Ok(None))));
+        assert_eq!(of("b.TOML:96"), Some(("b.TOML", Ok(Some(Size::Longest(96))))));
+        assert_eq!(of("C:/b.toml:9x8x7"), Some(("C:/b.toml", Ok(Some(Size::Exactly([9, 8, 7]))))));
+        assert_eq!(of("bumpbox:96"), None);
+        assert_eq!(of("b.toml.gz"), None);
+        for wrong in ["b.toml:1", "b.toml:x", "b.toml:9x9", "b.toml:5000", "b.toml:"] {
+            let text = of(wrong).unwrap().1.unwrap_err();
+            assert!(text.contains(wrong) && text.contains("b.toml:128"), "{text}");
+        }
+    }
+}
