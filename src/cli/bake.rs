@@ -376,7 +376,7 @@ const RESERVED: f64 = 0.9;
 
 /// Refuses an output that cannot become a store, before any work.
 fn check_output(path: &Path) -> Outcome {
-    const OTHERS: [&str; 9] = ["glb", "gltf", "ply", "png", "vti", "nrrd", "raw", "html", "toml"];
+    const OTHERS: [&str; 10] = ["glb", "gltf", "ply", "stl", "png", "vti", "nrrd", "raw", "html", "toml"];
     if let Some(ending) = path.extension().filter(|e| OTHERS.iter().any(|other| e.eq_ignore_ascii_case(other))) {
         let store = path.with_extension("isolume");
         let found = format!("{}, named as a .{} is", path.display(), ending.display());

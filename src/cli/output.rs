@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 pub(super) enum Format {
     Glb,
     Ply,
+    Stl,
     Png,
 }
 
@@ -18,14 +19,18 @@ impl Format {
         match suffix.as_deref() {
             Some("glb") => Ok(Self::Glb),
             Some("ply") => Ok(Self::Ply),
+            Some("stl") => Ok(Self::Stl),
             Some("png") => Ok(Self::Png),
-            Some("gltf") => {
-                Err(Error::argument("output", path.display(), ".glb, .ply or .png", "write .glb: glTF in one file"))
-            }
+            Some("gltf") => Err(Error::argument(
+                "output",
+                path.display(),
+                ".glb, .ply, .stl or .png",
+                "write .glb: glTF in one file",
+            )),
             _ => Err(Error::argument(
                 "output",
                 path.display(),
-                "a name ending in .glb, .ply or .png",
+                "a name ending in .glb, .ply, .stl or .png",
                 "the ending decides the format",
             )),
         }

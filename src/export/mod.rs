@@ -28,6 +28,7 @@ pub mod font;
 pub mod gltf;
 pub mod image;
 pub mod ply;
+pub mod stl;
 pub mod png;
 pub mod sheet;
 

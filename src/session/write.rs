@@ -4,7 +4,7 @@ use super::surface::Merged;
 use super::{Lit, Still, number, relightable};
 use crate::error::Result;
 use crate::export::gltf::{ColourFormat, GltfOptions};
-use crate::export::{ExportMesh, Positions, atomic, gltf, ply, png};
+use crate::export::{ExportMesh, Positions, atomic, gltf, ply, png, stl};
 use crate::relight::{ErrorTerm, TotalError};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -63,6 +63,14 @@ impl Lit<'_> {
     pub fn write_ply(&self, path: impl AsRef<Path>, options: &MeshOptions) -> Result<()> {
         let file = ply::PlyOptions { provenance: self.record(), ..Default::default() };
         self.with_mesh(options.radiance, |mesh| atomic::write(path, |w| ply::write(w, mesh, &file)).map(|_| ()))
+    }
+
+    /// Writes its triangles as binary STL, without colours, whole or not at all.
+    ///
+    /// # Errors
+    /// As [`stl::write`] and [`atomic::write`].
+    pub fn write_stl(&self, path: impl AsRef<Path>) -> Result<()> {
+        self.with_mesh(false, |mesh| atomic::write(path, |w| stl::write(w, mesh)).map(|_| ()))
     }
 
     /// Writes a picture of it as PNG, whole or not at all.

@@ -114,6 +114,8 @@ impl Context<'_> {
         written.what = format!("{} vertices", text::count(surface.vertices() as u64));
         if written.target.format == Format::Ply {
             lit.write_ply(path, &options)?;
+        } else if written.target.format == Format::Stl {
+            lit.write_stl(path)?;
         } else {
             let size = lit.write_gltf(path, &options).map_err(by_option)?;
             let [x, y, z] = size.map(|side| text::number(side, 3));

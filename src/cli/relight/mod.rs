@@ -32,7 +32,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use work::{Source, Work};
 
-/// Light isosurfaces by environments and write them as .glb, .ply or .png
+/// Light isosurfaces by environments and write them as .glb, .ply, .stl or .png
 ///
 /// From a store transfer and light are multiplied; rays are traced to lamps that bands would blur, no others. A volume is baked first, for the
 /// isovalues asked for, into a store in the user's cache folder; the next run finds it there. Where that takes

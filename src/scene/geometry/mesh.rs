@@ -1,12 +1,13 @@
-//! Triangle meshes from files: Wavefront OBJ, PLY (text and binary), glTF and GLB (crate `gltf`).
+//! Triangle meshes from files: Wavefront OBJ, PLY and STL (text and binary), glTF and GLB (crate `gltf`).
 //!
-//! OBJ and PLY are read here: of both only positions and faces matter, a page of code each, with every count and
+//! OBJ, PLY and STL are read here: of all only positions and faces matter, a page of code each, with every count and
 //! index checked. The format is decided by content. Normals, colours and materials of the file are not used: the
 //! scene says what a mesh is made of.
 
 mod gltf_file;
 mod obj;
 mod ply;
+mod stl;
 
 #[cfg(test)]
 mod tests;
@@ -43,6 +44,8 @@ pub fn read_mesh(bytes: &[u8], beside: &mut dyn FnMut(&str, u64) -> Result<Vec<u
         ply::read(bytes)?
     } else if bytes.starts_with(b"glTF") || bytes.get(first) == Some(&b'{') {
         gltf_file::read(bytes, beside)?
+    } else if stl::is_stl(bytes) {
+        stl::read(bytes)?
     } else {
         obj::read(bytes)?
     };
@@ -59,7 +62,7 @@ pub fn read_mesh(bytes: &[u8], beside: &mut dyn FnMut(&str, u64) -> Result<Vec<u
 }
 
 pub(super) fn damaged(found: impl Into<String>, expected: &str) -> Error {
-    Error::format("triangle mesh", found, expected, "export the mesh again as OBJ, PLY or glTF with triangles")
+    Error::format("triangle mesh", found, expected, "export the mesh again as OBJ, PLY, STL or glTF with triangles")
 }
 
 /// Splits a polygon into a fan and refuses what is too much.

@@ -133,3 +133,29 @@ fn positions_are_finite() {
         assert!(read_mesh(text.as_bytes(), &mut |_, _| Ok(Vec::new())).is_err(), "{text}");
     }
 }
+
+#[test]
+fn stl_is_read_as_text_and_binary_and_welded() {
+    let facets = [[[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.]], [[1., 0., 0.], [1., 1., 0.], [0., 1., 0.]]];
+    let mut binary = vec![b' '; 80];
+    binary[..5].copy_from_slice(b"solid"); // As some programs write it.
+    binary.extend(2u32.to_le_bytes());
+    let mut text = "solid square\n".to_string();
+    for facet in facets {
+        binary.extend([0; 12]);
+        facet.iter().flatten().for_each(|v| binary.extend(v.to_le_bytes()));
+        binary.extend([0; 2]);
+        text += "facet normal 0 0 1\n outer loop\n";
+        facet.iter().for_each(|[x, y, z]| text += &format!("  vertex {x} {y} {z}\n"));
+        text += " endloop\nendfacet\n";
+    }
+    text += "endsolid\n";
+    let none = &mut |_: &str, _: u64| Ok(Vec::new());
+    let mesh = read_mesh(&binary, none).unwrap();
+    assert_eq!((mesh.positions.len(), &mesh.triangles[..]), (4, &[[0, 1, 2], [1, 3, 2]][..]));
+    assert_eq!(read_mesh(text.as_bytes(), none).unwrap(), mesh);
+    for wrong in ["solid\nfacet\nvertex 0 0\n", "solid\nvertex 0 0 0\nvertex 0 0 0\nendfacet\n", "solid\n"] {
+        assert!(read_mesh(wrong.as_bytes(), none).is_err(), "{wrong}");
+    }
+    assert!(read_mesh(&binary[..binary.len() - 1], none).is_err());
+}
