@@ -459,6 +459,50 @@ pub fn gltf() -> Vec<Seed> {
     vec![("nodes.gltf", json(r#""uri":"a.bin","#).into_bytes()), ("nodes.glb", glb(json("").as_bytes(), &chunk))]
 }
 
+/// A closed tetrahedron, as text and binary.
+pub fn stl() -> Vec<Seed> {
+    let corners = [[0f32, 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
+    let mut text = "solid tetrahedron\n".to_string();
+    let mut binary = vec![b'-'; 80];
+    binary.extend(4u32.to_le_bytes());
+    for facet in [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] {
+        binary.extend([0; 12]);
+        text += "facet normal 0 0 0\nouter loop\n";
+        for corner in facet {
+            let [x, y, z] = corners[corner];
+            corners[corner].iter().for_each(|v| binary.extend(v.to_le_bytes()));
+            text += &format!("vertex {x} {y} {z}\n");
+        }
+        binary.extend([0; 2]);
+        text += "endloop\nendfacet\n";
+    }
+    text += "endsolid\n";
+    vec![("text.stl", text.into()), ("binary.stl", binary)]
+}
+
+pub fn model() -> Vec<Seed> {
+    let head = "[model]\nbounds = [[-1, -1, -1], [1, 1, 1]]\nisovalue = 0.5\nroot = \"r\"\n";
+    let skeletons = "[model.point.a]\ncentre = [0, 0, 0]\nradius = 1\nfalloff = \"metaball\"\n[model.segment.b]\nfrom = [0, 0, 0]\n\
+        to = [1, 0, 0]\nradius = [0.6, 0.4]\n[model.disc.c]\ncentre = [0, 0, 0]\nnormal = [0, 0, 1]\ndisc_radius = 0.3\nradius = 0.2\n\
+        [model.torus.d]\ncentre = [0, 0, 0]\nnormal = [1, 0, 1]\nring_radius = 0.5\nradius = 0.2\nfalloff = \"gaussian\"\nsharpness = 3\n\
+        [model.polygon.e]\npoints = [[0, 0, 0], [1, 0, 0], [1, 1, 0]]\nsurface_radius = 0.2\n[model.plane.f]\npoint = [0, 0, 0]\n\
+        normal = [0, 0, 1]\nradius = 0.2\n[model.blend.g]\nof = [\"a\", \"b\", \"c\"]\nricci = 3\n[model.union.h]\nof = [\"d\", \"e\"]\n\
+        smooth = { m = 0.7, k = 0.3 }\n[model.difference.r]\nof = [\"g\", \"h\", \"f\"]\n";
+    let warps = "[model.box.a]\ncentre = [0, 0, 0]\nsize = [1, 0.5, 0.3]\nradius = 0.2\nweight = -2\n[model.twist.b]\nof = \"a\"\naxis = \"x\"\n\
+        per_unit = 0.8\n[model.taper.c]\nof = \"b\"\nfrom = -0.5\nto = 0.5\nscale = 0.5\n[model.bend.d]\nof = \"c\"\nper_unit = 0.4\nfrom = -0.5\n\
+        to = 0.5\n[model.affine.e]\nof = \"d\"\nscale = [1, 2, 1]\nrotate = [0, 0, 1, 30]\ntranslate = [0.1, 0, 0]\n[model.repeat.f]\nof = \"e\"\n\
+        count = 3\ntranslate = [0.3, 0, 0]\nblend = \"sum\"\n[model.shell.r]\nof = \"f\"\nthickness = 0.1\n";
+    let others = "[model.formula.a]\nf = \"sin(3*x)*cos(y^2) + r*max(z, -x)\"\nparameters = { r = 0.1 }\n[model.mesh.b]\nfile = \"t.stl\"\n\
+        scale = 0.5\n[model.points.c]\nfile = \"w.xyz\"\nradii = \"vdw\"\n[model.convolution.d]\npoints = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]\n\
+        filled = true\nradius = 0.5\nkernel = \"cauchy\"\nsharpness = 2\n[model.rbf.e]\npoints = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1]]\n\
+        normals = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1]]\nsmoothing = 0.1\n[model.cache.f]\nof = \"c\"\nsamples = 8\n\
+        [model.pasko.g]\nof = [\"a\", \"b\"]\noperation = \"union\"\ndisplacement = [0.2, 0.5, 0.5]\n[model.sum.r]\n\
+        of = [\"g\", \"d\", \"e\", \"f\"]\n";
+    [("skeletons.toml", skeletons), ("warps.toml", warps), ("others.toml", others)]
+        .map(|(name, body)| (name, format!("{head}{body}").into_bytes()))
+        .into()
+}
+
 pub fn scene() -> Vec<Seed> {
     let bare = "volume = \"bumpbox:16\"\nsolid = \"above\"\nup = \"z\"\nisovalues = [30, \"40%\", \"auto\"]\n\
         outputs = [\"{isovalue}.png\"]\n[material]\nalbedo = [[-1, 0.6, 0.6, 0.65], [1.2, 0.8, 0.5, 0.3]]\n\

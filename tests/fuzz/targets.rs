@@ -5,9 +5,10 @@ use super::seeds;
 use glam::DVec3;
 use isolume::geom::Up;
 use isolume::level;
+use isolume::model::Region;
 use isolume::probe::{Orientation, ReadOptions};
-use isolume::scene::geometry::read_mesh;
-use isolume::scene::{SceneDescription, distant_light};
+use isolume::scene::geometry::{TriangleMesh, read_mesh};
+use isolume::scene::{Files, ModelDescription, SceneDescription, Size, distant_light};
 use isolume::transfer::store::{ChunkExtent, ErrorTarget, Holdings, Identity, Store, pack_zip};
 use isolume::transfer::{BRICK_TEXELS, Brick, BrickSource, Lattice, Layers, Layout};
 use isolume::volume::{ReadHint, Samples, Volume};
@@ -35,6 +36,8 @@ pub const STORE_LIMIT: usize = (64 << 20) + (32 << 20);
 pub const MESH_LIMIT: usize = 1 << 20;
 /// The same for a scene, with its walls made of it.
 pub const SCENE_LIMIT: usize = 1 << 20;
+/// The same for a model: a tree of at most 10⁵ nodes, which one line can ask for by `repeat`, and grids of the seeds.
+pub const MODEL_LIMIT: usize = 192 << 20;
 
 /// A reader under test.
 pub struct Target {
@@ -57,9 +60,11 @@ enum Kind {
     /// With the bytes of a buffer beside it.
     Mesh,
     Scene,
+    /// With files beside it.
+    Model,
 }
 
-pub const TARGETS: [Target; 23] = [
+pub const TARGETS: [Target; 25] = [
     volume("nifti", seeds::nifti),
     volume("nrrd", seeds::nrrd),
     volume("mrc", seeds::mrc),
@@ -82,7 +87,9 @@ pub const TARGETS: [Target; 23] = [
     mesh("mesh_obj", seeds::obj),
     mesh("mesh_ply", seeds::ply),
     mesh("mesh_gltf", seeds::gltf),
+    mesh("mesh_stl", seeds::stl),
     Target { name: "scene", seeds: seeds::scene, limit: SCENE_LIMIT, gate_runs: 1500, kind: Kind::Scene },
+    Target { name: "model", seeds: seeds::model, limit: MODEL_LIMIT, gate_runs: 1500, kind: Kind::Model },
 ];
 
 const fn volume(name: &'static str, seeds: fn() -> Vec<seeds::Seed>) -> Target {
@@ -255,6 +262,7 @@ impl Bench {
             Kind::Store | Kind::Zip => self.feed_store(input),
             Kind::Mesh => check_mesh(&input.bytes),
             Kind::Scene => check_scene(&input.bytes),
+            Kind::Model => check_model(&input.bytes),
         }
     }
 
@@ -345,6 +353,48 @@ fn check_mesh(bytes: &[u8]) -> bool {
             true
         }
     }
+}
+
+/// Files beside a model: the meshes and molecules of the seeds.
+struct BesideModel;
+
+impl Files for BesideModel {
+    fn mesh(&mut self, _: &str) -> isolume::Result<TriangleMesh> {
+        read_mesh(&seeds::stl().swap_remove(0).1, &mut |_, _| Ok(Vec::new()))
+    }
+
+    fn bytes(&mut self, _: &str) -> isolume::Result<Vec<u8>> {
+        Ok(b"2\nwater, in part\nO 0 0 0.1\nH 0 0.7 -0.4\n".to_vec())
+    }
+}
+
+/// A model is read; what was accepted has values with gradients, in the ranges of their boxes.
+fn check_model(bytes: &[u8]) -> bool {
+    let Ok(text) = std::str::from_utf8(bytes) else { return false };
+    // Grids and depths of contact are sampled when they are read: too long for a fuzzer where damage makes them large.
+    if text.contains("samples = ") && !text.contains("samples = 8\n") {
+        return false;
+    }
+    let model = match ModelDescription::read(text, "fuzz.toml", Some(Size::Longest(8)), &mut BesideModel) {
+        Ok(model) => model,
+        Err(error) => {
+            let message = error.to_string();
+            assert!(message.len() > 40, "an error without a reason: {message}");
+            return false;
+        }
+    };
+    for i in 0..8u64 {
+        let p = model.bounds.min + model.bounds.size() * isolume::model::grid::scattered(i);
+        let (value, _) = model.tree.value_and_gradient(p);
+        let half = 0.1 * model.bounds.size();
+        let range = model.tree.bounds_in(&Region { centre: p, half });
+        assert!(value.is_nan() || range.holds(value), "{value} is not in {range:?}");
+    }
+    let (mut pruned, mut whole) = (Vec::new(), Vec::new());
+    model.tree.sample(&model.bounds, [5; 3], true, &mut pruned);
+    model.tree.sample(&model.bounds, [5; 3], false, &mut whole);
+    assert!(pruned.iter().map(|v| v.to_bits()).eq(whole.iter().map(|v| v.to_bits())), "pruning changed a value");
+    true
 }
 
 /// A scene is read and its walls are made; rays through what was accepted end in answers.
