@@ -11,6 +11,8 @@ use glam::{DMat3, DVec3};
 
 /// Points at which the error of a cached subtree is estimated.
 const PROBES: u64 = 4096;
+/// Fastest twist in radians per unit: beyond it nothing is left of a shape, and angles overflow.
+const MOST_RATE: f64 = 1e6;
 /// Most samples of a cached subtree along a side.
 const MOST_CACHED: u64 = 512;
 
@@ -38,7 +40,11 @@ pub(super) fn read<'a>(kind: &str, item: &Item<'a>, reading: &mut Reading<'a, '_
         "repeat" => repeat(item, reading)?,
         "twist" => {
             let section = item.section(&["of", "axis", "per_unit"])?;
-            let rate = required(&section, item, "per_unit", "write per_unit = 0.8, radians per unit")?.number()?;
+            let per_unit = required(&section, item, "per_unit", "write per_unit = 0.8, radians per unit")?;
+            let rate = per_unit.number()?;
+            if rate.abs() > MOST_RATE {
+                return Err(per_unit.refuse("at most a million radians per unit", "such as 0.8"));
+            }
             let warp = Warp { axes: axes(&section, "z", 2)?, kind: Kind::Twist { rate } };
             one(reading.children(&section, item, 1..=1)?, Op::Warp(warp))
         }
