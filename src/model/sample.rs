@@ -145,16 +145,8 @@ fn leave_out(op: &Op, children: &mut Vec<(Kept, Interval)>) {
     let zero = Interval::at(0.0);
     match op {
         // At least one stays.
-        Op::Sum => {
-            if children.iter().any(|c| c.1 != zero) {
-                children.retain(|c| c.1 != zero);
-            }
-        }
-        Op::Ricci(n) if *n > 0.0 => {
-            if children.iter().any(|c| c.1 != zero) {
-                children.retain(|c| c.1 != zero);
-            }
-        }
+        Op::Sum if children.iter().any(|c| c.1 != zero) => children.retain(|c| c.1 != zero),
+        Op::Ricci(n) if *n > 0.0 && children.iter().any(|c| c.1 != zero) => children.retain(|c| c.1 != zero),
         Op::Union => {
             let best = children.iter().map(|c| c.1.low).fold(f64::NEG_INFINITY, f64::max);
             let winner = children.iter().position(|c| c.1.low == best);

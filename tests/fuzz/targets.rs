@@ -171,7 +171,7 @@ impl Bench {
                 let piece = std::fs::read(corpus("vti").join("raw.vti")).expect("a piece");
                 std::fs::write(at("piece.vti"), piece).expect("written");
             }
-            Kind::Volume | Kind::Probe | Kind::Mesh | Kind::Scene => {}
+            Kind::Volume | Kind::Probe | Kind::Mesh | Kind::Scene | Kind::Model => {}
         }
         if bench.files.is_empty() {
             let files = sorted(&corpus(target.name));

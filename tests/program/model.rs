@@ -31,9 +31,9 @@ fn models_are_volumes() {
     assert!(body(&bench, "a.ply") == body(&bench, "b.ply"));
     // A scene that is a model is lit as it stands, and as the volume of another scene.
     let scene = "isovalues = [\"auto\"]\noutputs = [\"{isovalue}.ply\"]\n[probe]\nname = \"sky\"\n[bake]\nrays = 4\n";
-    bench.write("s.toml", &format!("{scene}{MODEL}"));
+    bench.write("s.toml", format!("{scene}{MODEL}"));
     bench.run("relight s.toml --cache c");
-    bench.write("o.toml", &format!("volume = \"m.toml:20\"\n{scene}").replace("{isovalue}", "other"));
+    bench.write("o.toml", format!("volume = \"m.toml:20\"\n{scene}").replace("{isovalue}", "other"));
     bench.run("relight o.toml --cache c");
     assert!(body(&bench, "0.5.ply") == body(&bench, "other.ply"));
 }
@@ -61,7 +61,7 @@ fn mistakes_name_their_line() {
     let bench = Bench::new();
     bench.write("m.toml", MODEL);
     bench.write("c.toml", "[model]\nbounds = [[0,0,0],[1,1,1]]\n[model.sum.a]\nof = \"b\"\n[model.sum.b]\nof = \"a\"\n[model.sum.c]\nof = \"a\"\n");
-    bench.write("v.toml", &format!("volume = \"bumpbox:8\"\n{MODEL}"));
+    bench.write("v.toml", format!("volume = \"bumpbox:8\"\n{MODEL}"));
     bench.write("s.toml", "volume = \"bumpbox:8\"\n");
     bench.write("f.toml", "[model]\nbounds = [[0,0,0],[1,1,1]]\n[model.mesh.a]\nfile = \"../x.obj\"\n");
     for (line, parts) in [
