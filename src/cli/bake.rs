@@ -38,7 +38,7 @@ use std::time::{Duration, Instant};
   isolume bake brain.nii.gz --chunks 1/2 -o one.isolume    (see merge)
   isolume bake brain.nii.gz --replay-texel 90,120,80")]
 pub(super) struct Bake {
-    /// Volume file, a field such as bumpbox or gyroid:128, or a scene (.toml)
+    /// Volume file, a field such as bumpbox or gyroid:128, an implicit model or a scene (.toml)
     #[arg(value_name = "VOLUME|SCENE")]
     input: String,
     /// The store to make or to go on with, such as brain.isolume

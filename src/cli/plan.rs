@@ -24,7 +24,7 @@ use std::time::Duration;
     after_help = "Examples:\n  isolume plan brain.nii.gz --isovalues auto --rays 256\n  isolume plan brain.nii.gz --isovalues 90 --time 2m\n  isolume plan scene.toml --effects -interreflection"
 )]
 pub(super) struct Plan {
-    /// Volume file, a field such as bumpbox or gyroid:128, or a scene (.toml)
+    /// Volume file, a field such as bumpbox or gyroid:128, an implicit model or a scene (.toml)
     #[arg(value_name = "VOLUME|SCENE")]
     input: String,
     #[command(flatten)]
