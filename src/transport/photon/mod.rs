@@ -6,7 +6,7 @@
 //! sets. Φ is the power of a rectangle, sphere or shining wall (uniform on it, cosine about the normal), of a point (the same in
 //! all directions), or E π R² of parallel light that crosses a sphere of radius R around the whole scene. A photon of the environment
 //! comes from a direction ω, drawn from the light's own density p(ω), and starts uniformly on the disk of that sphere across ω:
-//! Φ = L(ω) π R² / p(ω). It sees the level set of c alone, walls, mirrors and glass ([`flight`]). Photons that enter the box
+//! Φ = L(ω) π R² / p(ω). It sees the level set of c alone, walls, mirrors and glass (`flight`). Photons that enter the box
 //! inside their solid are discarded, as rays of the bake can never leave that way either. Every hit on the volume's level set is
 //! kept; light by way of mirrors and glass alone in a map of its own, since it has edges.
 //!
