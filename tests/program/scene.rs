@@ -189,7 +189,7 @@ fn a_mistake_names_file_line_and_remedy() {
         (
             "volume = \"bumpbox:8\"\n[[objects]]\nshape = \"mesh\"\nfile = \"there.nrrd\"\n",
             "s.toml:4:",
-            &["there.nrrd", "no triangle", "OBJ, PLY or glTF"],
+            &["there.nrrd", "no triangle", "OBJ, PLY, STL or glTF"],
         ),
         (
             "volume = \"bumpbox:8\"\n[[luminaires]]\nshape = \"rectangle\"\ncorner = [0, 0, 0]\nu = [1, 0, 0]\nv = [2, 0, 0]\npower = 90\n",
