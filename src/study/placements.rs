@@ -165,6 +165,10 @@ impl Route<'_> {
         let asked = placed.len();
         let sites = self.on_level_sets(placed);
         let samples = sites.len();
+        if samples == 0 {
+            let found = format!("{}, of which no sample lies on a level set", placement.name());
+            return Err(Error::argument("placement", found, "samples on level sets of the volume", "choose another"));
+        }
         let world = |p: [f64; 3]| self.volume.world_from_grid().point(DVec3::from_array(p));
         let corners: Vec<_> = self.points.iter().map(|p| trilinear(self.lattice, *p)).collect();
         let around: BTreeMap<[usize; 3], ()> = corners.iter().flatten().map(|(texel, _)| (*texel, ())).collect();

@@ -120,10 +120,14 @@ impl ThesisRow {
 /// a metre) in the middle of the side towards `up`.
 ///
 /// # Errors
-/// When the box is empty.
+/// When the box is empty, `up` is no direction, or the margin is below 0.
 pub fn room(bounds: &Bounds, up: DVec3, margin: f64) -> Result<Geometry> {
     let size = bounds.size();
     let longest = size.max_element();
+    if !(margin >= 0.0 && up.is_finite() && up != DVec3::ZERO) {
+        let (found, expected) = (format!("up {up}, margin {margin}"), "a direction, and a margin of 0 or more");
+        return Err(Error::argument("room", found, expected, "take that of the volume, and 0.1"));
+    }
     if !(longest.is_finite() && longest > 0.0) {
         return Err(Error::argument("bounds", format!("{size}"), "a box with a positive volume", "give a volume"));
     }
@@ -176,6 +180,9 @@ const LAYERS: usize = 4;
 /// # Errors
 /// As the bake and the comparisons.
 pub fn measure(scene: &Scene, isovalues: &[f64], effort: &Effort, path: &Path, clock: &Clock<'_>) -> Result<ThesisRow> {
+    if effort.points == 0 {
+        return Err(Error::argument("points", 0, "at least one vertex to compare at", "2000 are those of the program"));
+    }
     let start = clock();
     let list = isovalues.iter().copied();
     let bake = Bake::of(scene).isovalues(list).layers(LAYERS).bands(1).rays(effort.rays).seed(effort.seed);

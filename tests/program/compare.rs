@@ -131,6 +131,7 @@ fn photons_bake_compare_and_draw() {
     bench.write("file", "no directory");
     for (line, word) in [
         ("compare p.isolume --isovalue 47 --env gradient --png p.jpg", ".png"),
+        ("compare p.isolume --isovalue 47 --env gradient --glb x.glb --direct x.glb", "beside that of --glb"),
         ("compare p.isolume --isovalue 47 --env gradient --png file/p.png", "directory"),
         ("compare p.isolume --isovalue 47 --env gradient --env studio --png p.png", "{env}"),
         ("bake bumpbox:24 --estimator photon --error 1% -o q.isolume", "estimator path"),
@@ -167,6 +168,11 @@ fn placements_are_studied() {
         ("study placements bumpbox:12 --isovalue 47", 1, "luminaire"),
         ("study placements bumpbox:12 --env gradient --placements random", 2, "many-level-sets"),
         ("study placements absent.toml", 1, "absent.toml"),
+        (
+            "study placements sphere:12 --env sky --placements level-sets-9 --samples 10",
+            1,
+            "no sample lies on a level set",
+        ),
         ("study placements bumpbox:12 --env gradient --neighbours 0 --points 2 --samples 10", 1, "neighbours"),
         ("study", 2, "VOLUME"),
     ] {

@@ -98,6 +98,12 @@ impl PictureOutput {
             }
             Ok(output::targets(path, name, isovalues, environments)?.into_iter().map(Some).collect())
         };
+        if let (Some(difference), Some(direct)) = (&self.glb, &self.direct)
+            && difference == direct
+        {
+            let expected = "a file of its own, beside that of --glb";
+            return Err(Error::argument("--direct", direct.display(), expected, "give another name").into());
+        }
         let (pngs, glbs, directs) = (of(&self.png, "png")?, of(&self.glb, "glb")?, of(&self.direct, "glb")?);
         let all = pngs.into_iter().zip(glbs).zip(directs);
         Ok(all.map(|((png, glb), direct)| Files { png, glb, direct }).collect())

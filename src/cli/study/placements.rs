@@ -195,7 +195,12 @@ impl PlacementsArgs {
         console: &Console,
     ) -> Outcome<Vec<Row>> {
         let mut rows = Vec::new();
-        let wanted = |p: &Placement| self.placements.is_empty() || self.placements.contains(p);
+        let (low, high) = route.volume.value_range();
+        let has_the_nine = THE_NINE.iter().any(|c| low < *c && *c < high);
+        let wanted = |p: &Placement| match self.placements.as_slice() {
+            [] => *p != Placement::NineLevelSets || has_the_nine,
+            chosen => chosen.contains(p),
+        };
         for placement in Placement::ALL.into_iter().filter(wanted) {
             // As many as there are texels, whatever is asked for.
             let samples = if placement == Placement::Texels { &self.samples[..1] } else { &self.samples };

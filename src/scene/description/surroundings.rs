@@ -181,7 +181,8 @@ pub(super) fn read(all: &Section<'_>) -> Result<Surroundings> {
     }
     let names = out.walls.iter().filter(|w| w.emission.is_some()).map(|w| &w.name);
     let names: Vec<&str> =
-        names.map(|n| n.value.as_str()).chain(out.luminaires.iter().map(|l| l.value.name.as_str())).collect();
+        names.map(|n| n.value.as_str()).chain(out.luminaires.iter().map(|l| l.value.name.as_str())).collect::<Vec<_>>();
+    let names: Vec<&str> = names.into_iter().chain(out.environments.iter().map(|e| e.name.as_str())).collect();
     if let Some(twice) = (1..names.len()).find(|&i| names[..i].contains(&names[i])) {
         let item = all.get("luminaires").or_else(|| all.get("walls")).or_else(|| all.get("objects"));
         let remedy = "give each luminaire and each wall that shines a name of its own";

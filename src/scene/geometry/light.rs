@@ -109,6 +109,10 @@ impl Emitter {
                 Self { body: Body::Directional { towards }, strength: luminaire.power }
             }
             LuminaireShape::Environment(light) => {
+                if !light.bound().iter().all(|v| v.is_finite()) {
+                    let remedy = "correct the pixels that are no numbers";
+                    return refuse("an environment of radiance that is not finite".into(), "finite radiance", remedy);
+                }
                 Self { body: Body::Environment(light.clone()), strength: luminaire.power }
             }
             LuminaireShape::Wall(wall) => {

@@ -81,7 +81,7 @@ impl DistantLight {
 
     /// (1/π) ∫ L dω: no diffuse surface of albedo 1 is brighter by it.
     pub(super) fn bound(&self) -> [f64; 3] {
-        self.total.map(|v| v.max(0.0) / std::f64::consts::PI)
+        self.total.map(|v| if v < 0.0 { 0.0 } else { v / std::f64::consts::PI })
     }
 }
 

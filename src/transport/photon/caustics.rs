@@ -12,7 +12,7 @@ use super::isovalues::Isovalues;
 use super::map::{Kept, PhotonMap, PhotonScene, PhotonSettings};
 use super::packing::Origin;
 use super::tree::Nearest;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::geom::Normal;
 use crate::transport::scene_path::{Arrival, SpecularLight, needs_photons};
 use glam::{DVec3, Vec3};
@@ -30,7 +30,7 @@ impl SpecularPhotons {
     /// Sends out `photons` photons, of isovalues near one or of all; `None` where paths find all light.
     ///
     /// # Errors
-    /// As [`PhotonMap::new`]; an isovalue without a surface.
+    /// As [`PhotonMap::new`]; an isovalue that is no number.
     pub fn new(
         scene: &PhotonScene<'_>,
         layers: usize,
@@ -42,6 +42,10 @@ impl SpecularPhotons {
         let needed = needs_photons(geometry);
         if needed.is_empty() {
             return Ok(None);
+        }
+        if isovalue.is_some_and(|c| !c.is_finite()) {
+            let remedy = "give one in the file's values, or none for all";
+            return Err(Error::argument("isovalue", "no number", "a finite number", remedy));
         }
         let scale = |name: &String| if needed.contains(name) { [1.0; 3] } else { [0.0; 3] };
         let near = isovalue.and_then(|c| Isovalues::near(scene.volume, c, NEAR_CELLS));

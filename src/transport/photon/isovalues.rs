@@ -27,8 +27,11 @@ pub struct Isovalues {
 
 impl Isovalues {
     /// Those near one isosurface: within half of `cells` times the median extent of the cells that it crosses, so that
-    /// they lie within about `cells`/2 samples of it. `None` where it crosses no cell.
+    /// they lie within about `cells`/2 samples of it. `None` where it crosses no cell, or `cells` is not above 0.
     pub fn near(volume: &Volume, isovalue: f64, cells: f64) -> Option<Self> {
+        if !(cells.is_finite() && cells > 0.0) {
+            return None;
+        }
         let c = volume.raw_from_value(isovalue) as f32;
         let mut extents: Vec<f32> = with_samples!(volume.samples(), s => {
             let mut all = Vec::new();

@@ -58,6 +58,20 @@ pub struct PhotonLightSettings {
     pub seed: u64,
 }
 
+/// Refuses places and isovalues that are no numbers: a ray from there would never end.
+fn check_places(isovalue: f64, points: &[SurfacePoint]) -> Result<()> {
+    if !isovalue.is_finite() {
+        return Err(Error::argument("isovalue", isovalue, "a finite number", "give one in the file's values"));
+    }
+    match points.iter().position(|p| !p.position_in_grid.iter().all(|v| v.is_finite())) {
+        None => Ok(()),
+        Some(i) => {
+            let found = format!("{:?} for point {i}", points[i].position_in_grid);
+            Err(Error::argument("points", found, "finite coordinates in grid space", "leave such points out"))
+        }
+    }
+}
+
 impl PhotonLightSettings {
     fn check(&self, map: &PhotonMap) -> Result<()> {
         if !self.rays.is_power_of_two() || self.rays < REPLICATES as u32 {
@@ -66,6 +80,10 @@ impl PhotonLightSettings {
         for search in [&self.search, &self.caustics] {
             if search.neighbours < 2 {
                 return Err(Error::argument("neighbours", search.neighbours, "at least 2", "128 is the default"));
+            }
+            if !(search.most_radius.is_finite() && search.most_radius > 0.0) {
+                let (found, expected) = (search.most_radius, "a positive number of diagonals");
+                return Err(Error::argument("most_radius", found, expected, "0.1 is the default"));
             }
         }
         let kept = map.settings().kept;
@@ -84,7 +102,8 @@ impl PhotonLightSettings {
 /// between the rays of a final gather: that part of their noise is not in it.
 ///
 /// # Errors
-/// When the number of rays or neighbours is not as the settings say, or the map does not hold the light asked for.
+/// When the number of rays or neighbours is not as the settings say, the map does not hold the light asked for or is of another
+/// scene, or a point or the isovalue is no number.
 pub fn photon_direct(
     scene: &PhotonScene<'_>,
     isovalue: f64,
@@ -93,6 +112,16 @@ pub fn photon_direct(
     settings: &PhotonLightSettings,
 ) -> Result<(Vec<Radiance>, SceneCounts)> {
     settings.check(map)?;
+    check_places(isovalue, points)?;
+    if !map.is_of(scene) {
+        let remedy = "send photons out in the scene that they are read in";
+        return Err(Error::argument(
+            "photon map",
+            "that of another scene",
+            "one of this volume and these walls",
+            remedy,
+        ));
+    }
     let nothing = Geometry::new(Vec::new(), Vec::new(), 1.0)?;
     let volume = scene.volume;
     let found: Vec<(Radiance, SceneCounts)> = with_samples!(volume.samples(), s => {

@@ -136,6 +136,8 @@ pub struct PhotonMap {
     // Of the environment, then of each luminaire.
     energies: Vec<PhotonEnergy>,
     counts: Counts,
+    // Of walls, luminaires and other volumes.
+    fingerprint: String,
 }
 
 /// Photons traced by one task.
@@ -155,8 +157,8 @@ impl PhotonMap {
     /// The same map for any number of threads. Without light it is empty.
     ///
     /// # Errors
-    /// When the settings are not as [`PhotonSettings`] says, the volume has no cells or no isosurface in the range, or
-    /// more photons land than memory is allowed for.
+    /// When the settings are not as [`PhotonSettings`] says, the volume has no cells or no isosurface in the range,
+    /// more photons land than memory is allowed for, or the light has samples that are no numbers.
     pub fn new(scene: &PhotonScene<'_>, settings: &PhotonSettings) -> Result<Self> {
         // Nobody else has this progress to cancel.
         let made = Self::watched(scene, settings, &Progress::default())?;
@@ -198,10 +200,25 @@ impl PhotonMap {
         let Part { mut photons, mut caustics, energies, counts } = all;
         photons.shrink_to_fit();
         caustics.shrink_to_fit();
+        if !energies.iter().flat_map(|energy| energy.emitted).all(f64::is_finite) {
+            let (found, expected) =
+                ("radiance over a density that is no finite number", "finite radiance and densities above 0");
+            return Err(Error::argument("light", found, expected, "correct the samples of the light"));
+        }
+        let fingerprint = geometry.fingerprint().to_owned();
         let drawn = density.drawn();
         let sign = f64::from(volume.solid_sign());
         let (tree, caustics) = (Tree::new(photons), Tree::new(caustics));
-        Ok(Some(Self { tree, caustics, space, settings: settings.clone(), drawn, sign, energies, counts }))
+        Ok(Some(Self { tree, caustics, space, settings: settings.clone(), drawn, sign, energies, counts, fingerprint }))
+    }
+
+    /// Whether it was made in a scene: of a volume of the same place and range, among the same walls, luminaires and volumes.
+    pub(super) fn is_of(&self, scene: &PhotonScene<'_>) -> bool {
+        let same_walls = match scene.geometry {
+            Some(geometry) => geometry.fingerprint() == self.fingerprint,
+            None => Geometry::new(Vec::new(), Vec::new(), 1.0).is_ok_and(|none| none.fingerprint() == self.fingerprint),
+        };
+        same_walls && Space::new(scene.volume) == self.space
     }
 
     /// Hits kept, caustics among them.
@@ -415,7 +432,9 @@ impl<T: Sample> Emission<'_, '_, T> {
                 let (frame, disk) = (Frame::around(towards), warp::square_to_uniform_disk(place).as_dvec2());
                 let (x, y) = (frame.tangent.as_dvec3() * disk.x, frame.bitangent.as_dvec3() * disk.y);
                 let (middle, radius) = self.sphere;
-                let area = std::f64::consts::PI * radius * radius / f64::from(sample.density);
+                // A density that is none must not pass for one: the sum of what is emitted then is no number.
+                let density = if sample.density > 0.0 { f64::from(sample.density) } else { f64::NAN };
+                let area = std::f64::consts::PI * radius * radius / density;
                 let sent = Sent {
                     origin: middle + radius * (towards.vec().as_dvec3() + x + y),
                     direction: -towards.vec().as_dvec3().normalize_or(DVec3::Z),

@@ -5,7 +5,7 @@ use crate::volume::Volume;
 use glam::{DMat3, DVec3, Vec3};
 
 /// Maps between grid and the space of the photons.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Space {
     grid_from_world: Affine,
     world_from_grid: Affine,

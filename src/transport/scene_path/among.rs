@@ -154,7 +154,9 @@ impl<'a, T: Sample> Among<'a, T> {
         let mut squares: Vec<f64> = vec![0.0; (out.len() - first) * self.settings.layers.len()];
         specular.arriving(in_grid, gradient, f64::from(site.isovalue), site.normal, &mut |arrival| {
             let Arrival { luminaire, layer, light } = arrival;
-            let Some(group) = out.get_mut(first + luminaire) else { return };
+            let Some(group) = out.get_mut(first + luminaire).filter(|_| layer < self.settings.layers.len()) else {
+                return;
+            };
             let light = light.map(|v| v * self.factors[first + luminaire]);
             (0..3).for_each(|c| group.transfer[3 * layer + c] += light[c]);
             let square = light.iter().map(|v| v * v).sum::<f64>() / 3.0;

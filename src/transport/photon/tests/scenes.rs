@@ -228,3 +228,61 @@ fn power_is_kept_of_every_source() {
     let (once, twice) = (alone(vec![[1.0; 3]; 6]), alone(scales));
     assert!((twice / once - 2.0).abs() < 1e-6, "{once} {twice}");
 }
+
+/// What makes no sense is an error that says so: light that is no number, places that are none, a map of another scene.
+#[test]
+fn bad_input_is_refused_by_name() {
+    struct Odd(f32, f32);
+    impl DirectionalSource for Odd {
+        fn sample(&self, u: [f32; 2]) -> Option<DirectionSample> {
+            Some(DirectionSample { radiance: [self.0; 3], density: self.1, ..SKY.sample(u)? })
+        }
+        fn density(&self, direction: Direction) -> f32 {
+            SKY.density(direction)
+        }
+        fn radiance(&self, direction: Direction) -> [f32; 3] {
+            SKY.radiance(direction)
+        }
+    }
+    let volume = named("bumpbox:9");
+    let pyramid = Pyramid::new(&volume);
+    let settings = PhotonSettings { photons: 1000, ..PhotonSettings::default() };
+    for odd in [Odd(f32::NAN, 1.0), Odd(f32::INFINITY, 1.0), Odd(1.0, 0.0), Odd(1.0, -1.0), Odd(1.0, f32::NAN)] {
+        let scene = PhotonScene::alone(&volume, &pyramid, &odd);
+        let said = PhotonMap::new(&scene, &settings).err().unwrap().to_string();
+        assert!(said.contains("light") && said.contains("finite"), "{said}");
+    }
+    let scene = PhotonScene::alone(&volume, &pyramid, &SKY);
+    let map = PhotonMap::new(&scene, &settings).unwrap();
+    let point = |x: f32| [SurfacePoint { position_in_grid: [x, 4.0, 4.0], normal: [0.0, 0.0, 1.0] }];
+    let usual = PhotonLightSettings {
+        light: PhotonLight::All,
+        rays: 4,
+        search: PhotonSearch::default(),
+        caustics: PhotonSearch::of_caustics(),
+        seed: 0,
+    };
+    let far = |most_radius| PhotonLightSettings { search: PhotonSearch { most_radius, ..usual.search }, ..usual };
+    let glass = wall("g", Shape::Sphere { centre: DVec3::splat(0.2), radius: 0.1 }, Finish::Glass(1.5));
+    let (walls, other) = (Geometry::new(vec![glass], Vec::new(), 1.0).unwrap(), named("gyroid:9"));
+    let other_pyramid = Pyramid::new(&other);
+    let among = PhotonScene { geometry: Some(&walls), ..scene };
+    let elsewhere = PhotonScene::alone(&other, &other_pyramid, &SKY);
+    for (scene, isovalue, x, settings, word) in [
+        (&scene, f64::NAN, 4.0, usual, "isovalue"),
+        (&scene, 47.0, f32::NAN, usual, "points"),
+        (&scene, 47.0, f32::INFINITY, usual, "points"),
+        (&scene, 47.0, 4.0, far(f32::NAN), "most_radius"),
+        (&scene, 47.0, 4.0, far(-1.0), "most_radius"),
+        (&among, 47.0, 4.0, usual, "another scene"),
+        (&elsewhere, 0.0, 4.0, usual, "another scene"),
+    ] {
+        let said = photon_direct(scene, isovalue, &point(x), &map, &settings).unwrap_err().to_string();
+        assert!(said.contains(word), "{word}: {said}");
+    }
+    assert!(photon_direct(&scene, 47.0, &point(4.0), &map, &usual).is_ok());
+    assert_eq!([f64::NAN, 0.0, -1.0].map(|cells| Isovalues::near(&volume, 47.0, cells)), [None; 3]);
+    let none = SpecularPhotons::new(&among, 1, Some(f64::NAN), (10, 0), 1 << 20);
+    // Nothing in it needs photons.
+    assert!(none.unwrap().is_none());
+}
