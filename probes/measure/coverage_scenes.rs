@@ -65,6 +65,7 @@ impl SceneSubject {
                     &mut |n, _| none(n),
                     &mut |n, _| none(n).map(|_| Default::default()),
                     &mut |n, _| none(n).map(|_| unreachable!("nothing is opened")),
+                    &mut |_| none("medium").map(|_| unreachable!("nothing is opened")),
                 )?;
                 (analytic("bumpbox:33")?, geometry)
             }

@@ -48,6 +48,7 @@ fn boxes(folder: &Path, size: usize, paths: u32) -> isolume::Result<()> {
         &mut |n, _| none(n),
         &mut |n, _| none(n).map(|_| Default::default()),
         &mut |n, _| none(n).map(|_| unreachable!("nothing is opened")),
+        &mut |_| none("medium").map(|_| unreachable!("nothing is opened")),
     )?;
     let pyramid = Pyramid::new(&volume);
     let camera = Camera::framing(

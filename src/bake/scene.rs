@@ -90,6 +90,12 @@ impl Request<'_> {
             light_rays: trial.scene.light_rays,
             partners: geometry.partners().iter().map(|p| p.name.clone()).collect(),
             coupling: geometry.among().map(|among| among.coupling.clone()).unwrap_or_default(),
+            media: geometry
+                .media()
+                .iter()
+                .map(|m| scene::MediumForecast { name: m.name.clone(), depth_bound: m.depth_bound(self.volume) })
+                .collect(),
+            collisions: trial.scene.collisions,
             partner_rays: trial.scene.partner_rays,
             partner_hits: trial.scene.partner_hits,
             escape: trial.mean_escapes().iter().sum(),

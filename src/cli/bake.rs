@@ -6,7 +6,7 @@ use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::tell;
 use super::light::open_probe;
-use super::options::{BakeArgs, EstimatorArg, Texture, TransferArgs, parse_share, parse_time};
+use super::options::{BakeArgs, EstimatorArg, Texture, TransferArgs, add_fog, parse_share, parse_time};
 use super::{Failure, Outcome, forecast, output, replay, text};
 use crate::bake::{ForLight, Share, Writing, layout_of_scene};
 use crate::error::Error;
@@ -159,6 +159,7 @@ impl Bake {
             Some(file) => file.open(&options, &transfer.effects())?,
             None => Scene::open_with(&self.input, &options, &transfer.effects())?,
         };
+        scene = add_fog(scene, transfer.fog, &transfer.effects())?;
         match &self.fixed_env {
             Some(name) => fix(&mut scene, name, (self.env_rotate, self.env_frame))?,
             None if self.env_rotate != 0.0 && self.for_env.is_none() => {
@@ -243,7 +244,9 @@ pub(super) fn fix(scene: &mut Scene, name: &str, (turned, frame): (f64, super::l
         let remedy = "write it into the scene: [[luminaires]] with shape = \"environment\" and image";
         return Err(Error::argument("--fixed-env", "several volumes", "one volume alone", remedy).into());
     };
-    if member.geometry.is_some() {
+    let media = member.geometry.as_ref().map_or(Vec::new(), |geometry| geometry.media().to_vec());
+    let is_bare = |g: &Geometry| g.parts() == 0 && g.luminaires().is_empty();
+    if !member.geometry.as_ref().is_none_or(is_bare) {
         let remedy = "write it into the scene: [[luminaires]] with shape = \"environment\" and image";
         return Err(Error::argument("--fixed-env", "walls or luminaires", "a volume alone", remedy).into());
     }
@@ -251,7 +254,7 @@ pub(super) fn fix(scene: &mut Scene, name: &str, (turned, frame): (f64, super::l
     let light = distant_light(&open_probe(name, false, None)?, orientation);
     let shape = LuminaireShape::Environment(light);
     let luminaire = Luminaire { name: "environment".into(), shape, power: [1.0; 3] };
-    member.geometry = Some(Geometry::new(Vec::new(), vec![luminaire], 1.0)?);
+    member.geometry = Some(Geometry::new(Vec::new(), vec![luminaire], 1.0)?.with_media(media)?);
     Ok(())
 }
 

@@ -13,6 +13,7 @@ use super::inputs::Inputs;
 use super::isovalue::NamedIsovalue;
 use super::light::parse_factor;
 use super::light::{open_probe, parse_triple};
+use super::options::add_fog;
 use super::{Outcome, text};
 use crate::compare::{
     BudgetRow, Comparison, Distance, GeometryComparison, LitSurface, PhotonComparison, Question, Vertices,
@@ -88,6 +89,9 @@ pub(super) struct Compare {
     /// The environment that the store was baked with as a luminaire (bake --fixed-env), turned by --env-rotate as it was
     #[arg(long, value_name = "PROBE", conflicts_with = "scene")]
     fixed_env: Option<String>,
+    /// The fog that the store was baked with (bake --fog)
+    #[arg(long, value_name = "SIGMA[,ALBEDO[,G]]", value_parser = super::options::parse_fog, conflicts_with = "scene")]
+    fog: Option<super::options::Fog>,
     /// Factor on the power of a luminaire, one number or three for red, green and blue, such as ceiling=2
     #[arg(long = "luminaire", value_name = "NAME=FACTOR", value_parser = parse_factor)]
     luminaires: Vec<LuminaireFactor>,
@@ -150,9 +154,11 @@ impl Compare {
         let store = Store::open(&self.input)?;
         let mut scene = file.map(|f| f.open(&VolumeOptions::default(), &Effects::default())).transpose()?;
         if let Some(name) = &self.fixed_env {
-            let mut alone = Scene::of(store.volume()?);
+            let mut alone = add_fog(Scene::of(store.volume()?), self.fog, &Effects::default())?;
             fix(&mut alone, name, (self.env_rotate, self.env_frame))?;
             scene = Some(alone);
+        } else if self.fog.is_some() {
+            scene = Some(add_fog(Scene::of(store.volume()?), self.fog, &Effects::default())?);
         }
         let (subjects, isovalues) = self.subjects(store, scene.as_ref())?;
         let probes = self.env.iter().map(|e| open_probe(e, false, None)).collect::<Result<Vec<_>, Error>>()?;

@@ -5,7 +5,8 @@ use super::memory::{self, Bound};
 use super::text;
 use crate::bake::{Estimator, ForLight, Goal, Share};
 use crate::error::{Error, Result};
-use crate::scene::{EffectSwitch, Effects, Member, SceneFile};
+use crate::scene::medium::{Medium, Phase};
+use crate::scene::{EffectSwitch, Effects, Member, Scene, SceneFile};
 use crate::sh::MAX_BANDS;
 use crate::transfer::{Lattice, Layers, Layout, MAX_LAYERS};
 use crate::transport::{REPLICATES, Settings};
@@ -37,9 +38,45 @@ pub(super) struct TransferArgs {
     #[arg(long, value_name = "+NAME|-NAME[,…]", value_delimiter = ',', allow_hyphen_values = true,
         value_parser = parse_effect)]
     pub(super) effects: Vec<EffectSwitch>,
+    /// Fill the box of the volume, outside the solid, with fog of this extinction per world unit, albedo [1] and mean cosine of its
+    /// scattering [0], such as 0.02,0.9,0.5
+    #[arg(long, value_name = "SIGMA[,ALBEDO[,G]]", value_parser = parse_fog, allow_hyphen_values = true)]
+    pub(super) fog: Option<Fog>,
     /// Refuse to use more memory, such as 2GB [default: 80 % of what machine, ulimit -v and control group allow]
     #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
     pub(super) memory_limit: Option<u64>,
+}
+
+/// Fog as given: extinction, albedo, mean cosine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Fog([f64; 3]);
+
+/// Reads extinction, albedo and mean cosine.
+pub(super) fn parse_fog(argument: &str) -> std::result::Result<Fog, String> {
+    let expected = "give the extinction per world unit, and perhaps albedo (0 to 1) and mean cosine (-1 to 1), such as 0.02,0.9,0.5";
+    let numbers: Option<Vec<f64>> = argument.split(',').map(|n| n.trim().parse().ok()).collect();
+    let fog = match numbers.as_deref() {
+        Some(&[extinction]) => [extinction, 1.0, 0.0],
+        Some(&[extinction, albedo]) => [extinction, albedo, 0.0],
+        Some(&[extinction, albedo, g]) => [extinction, albedo, g],
+        _ => return Err(expected.into()),
+    };
+    let [extinction, albedo, g] = fog;
+    let legal = extinction.is_finite() && extinction >= 0.0 && (0.0..=1.0).contains(&albedo) && g.abs() < 1.0;
+    if legal { Ok(Fog(fog)) } else { Err(expected.into()) }
+}
+
+/// Puts fog around a volume, if there is any and it is not switched off.
+pub(super) fn add_fog(scene: Scene, fog: Option<Fog>, effects: &Effects) -> Result<Scene> {
+    let Some(Fog([extinction, albedo, g])) = fog.filter(|_| effects.switched("media") != Some(false)) else {
+        return Ok(scene);
+    };
+    let phase = if g == 0.0 { Phase::Isotropic } else { Phase::HenyeyGreenstein(g) };
+    let fog = Medium::constant("fog", extinction, albedo, phase)?;
+    scene.with_medium(fog).map_err(|e| match e {
+        Error::Argument { given, expected, remedy, .. } => Error::argument("--fog", given, expected, remedy),
+        other => other,
+    })
 }
 
 /// A whole bake.

@@ -74,6 +74,9 @@ fn name_of(on: On, geometry: Option<&Geometry>) -> String {
             geometry.partners().get(set - 1).map_or(String::new(), |partner| format!(" {}", partner.name))
         }
         (On::Wall(part), Some(_)) => format!(" wall {part}"),
+        (On::Medium(medium), Some(geometry)) => {
+            geometry.media().get(medium).map_or(String::new(), |medium| format!(" {}", medium.name))
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use super::input::VolumeArgs;
 use super::inputs::Inputs;
 use super::isovalue::{Isovalue, NamedIsovalue};
 use super::light::open_probe;
-use super::options::{Texture, TransferArgs};
+use super::options::{Texture, TransferArgs, add_fog};
 use super::output::check_file;
 use super::{Failure, Outcome, scene, text};
 use crate::error::Error;
@@ -123,10 +123,11 @@ impl View {
             return Ok((self.choose(Store::open(&self.input)?, console)?, None));
         }
         let volume_options = self.volume.options_with(self.transfer.shadowing());
-        let mut scene = match &self.scene {
+        let scene = match &self.scene {
             Some(file) => file.open(&volume_options, &self.transfer.effects())?,
             None => Scene::open_with(&self.input, &volume_options, &self.transfer.effects())?,
         };
+        let mut scene = add_fog(scene, self.transfer.fog, &self.transfer.effects())?;
         self.check_name(&scene)?;
         let isovalues = self.isovalues_of_scene()?;
         let cache = Cache::locate(self.cache.as_deref())?;

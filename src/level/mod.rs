@@ -25,6 +25,7 @@ mod horizon;
 mod march;
 mod pyramid;
 mod root;
+mod segments;
 mod texel;
 pub mod trace;
 
@@ -125,6 +126,11 @@ impl<'v, T: Sample> LevelField<'v, T> {
     /// Grid points along each axis.
     pub fn dims(&self) -> [usize; 3] {
         self.dims
+    }
+
+    /// The pyramid that it was bound with.
+    pub fn pyramid(&self) -> &'v Pyramid {
+        self.pyramid
     }
 
     /// +1 where larger raw samples are solid, −1 where smaller ones are.

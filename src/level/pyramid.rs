@@ -89,6 +89,11 @@ impl Pyramid {
         self.ahead.get_or_init(|| Ahead::new(&self.blocks))
     }
 
+    /// Smallest and largest s·raw of each block, in the order of its index in [`LevelField::each_cell`](super::LevelField::each_cell).
+    pub fn block_ranges(&self) -> impl ExactSizeIterator<Item = (f32, f32)> + '_ {
+        self.blocks.min.iter().copied().zip(self.blocks.max.iter().copied())
+    }
+
     /// Smallest and largest s·raw of the block that holds a cell.
     pub fn block_range(&self, cell: [usize; 3]) -> (f32, f32) {
         let level = &self.blocks;

@@ -89,6 +89,20 @@
 //! power = 1                      # a factor on its radiance
 //! ```
 //!
+//! What lies between surfaces, outside the solid ([`crate::scene::medium`]); `[medium]` for one, `[[medium]]` for several:
+//!
+//! ```toml
+//! [medium]
+//! name = "fog"
+//! field = "self"                      # or a file, or the name of a volume; not needed where extinction is one number
+//! extinction = [[0, 0.0], [40, 0.8]]  # per world unit over the values of the field; or one number, or r, g, b; rows of four = value, r, g, b
+//! albedo = [0.95, 0.9, 0.85]          # or one number, or rows
+//! phase = { hg = 0.6 }                # { schlick = 0.5 } { rayleigh = true } { table = [[-1, 0.2], [1, 3]] } { mix = [[0.7, { hg = 0.8 }], [0.3, { hg = -0.2 }]] }
+//! emission = 0.0                      # radiance of an opaque piece; then it is a luminaire too
+//! min = [0, 0, 0]                     # a box in world, or centre and radius of a ball [default: the box of the field]
+//! max = [1, 1, 1]
+//! ```
+//!
 //! Several volumes that light each other stand in place of `volume` and `solid`; `isovalues` are then those of the first:
 //!
 //! ```toml
@@ -109,6 +123,7 @@
 //! ```
 
 mod material;
+mod media;
 mod model;
 mod read;
 mod settings;
@@ -119,6 +134,7 @@ mod volumes;
 mod tests;
 
 pub use material::Albedo;
+pub use media::{FieldDescription, MediumDescription};
 pub use model::{Files, ModelDescription, Size};
 pub use settings::{BakeDescription, CameraDescription, ProbeDescription, TextureSize};
 pub use surroundings::{ReadFile, Surroundings, WallDescription, WallShape};
@@ -174,7 +190,7 @@ pub struct SceneDescription {
     pub outputs: Vec<Located<String>>,
 }
 
-const KEYS: [&str; 16] = [
+const KEYS: [&str; 17] = [
     "volume",
     "model",
     "volumes",
@@ -191,6 +207,7 @@ const KEYS: [&str; 16] = [
     "walls",
     "objects",
     "luminaires",
+    "medium",
 ];
 const UPS: [&str; 6] = ["x", "y", "z", "-x", "-y", "-z"];
 
@@ -248,7 +265,9 @@ impl SceneDescription {
         let bake = all.get("bake").map(|item| settings::bake(&item)).transpose()?.unwrap_or_default();
         let probe = all.get("probe").map(|item| settings::probe(&item)).transpose()?;
         let camera = all.get("camera").map(|item| settings::camera(&item)).transpose()?.unwrap_or_default();
-        let surroundings = surroundings::read(&all)?;
+        let mut surroundings = surroundings::read(&all)?;
+        surroundings.media = media::read(&all, &volumes)?;
+        surroundings.check_names(&all)?;
         let file = file.to_string();
         Ok(Self {
             file,

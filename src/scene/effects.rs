@@ -25,8 +25,9 @@ fn refusal(name: &str, on: bool) -> Option<&'static str> {
     match (name, on) {
         ("shadowing" | "interreflection" | "emission", _) | ("sun-split", _) => None,
         ("colour-channels", true) => Some("grey layers serve every colour exactly: there is nothing to add"),
-        ("walls" | "luminaires" | "caustics", true) => Some("it is on wherever the scene has it: describe it there"),
-        ("media", true) => Some("a scene cannot have it yet"),
+        ("walls" | "luminaires" | "caustics" | "media", true) => {
+            Some("it is on wherever the scene has it: describe it there")
+        }
         ("colour-channels" | "walls" | "luminaires" | "caustics" | "media", false) => None,
         ("bands", _) => Some("give --bands"),
         ("coupling", _) => Some("it is on wherever a scene has several volumes: describe it there"),

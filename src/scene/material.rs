@@ -56,6 +56,11 @@ impl Table {
         }
     }
 
+    /// Isovalues, ascending, and their colours.
+    pub fn rows(&self) -> &[(f64, [f32; 3])] {
+        &self.rows
+    }
+
     /// The largest number of any row and channel.
     pub fn largest(&self) -> f32 {
         self.rows.iter().flat_map(|(_, colour)| *colour).fold(0.0, f32::max)

@@ -7,6 +7,7 @@ mod description;
 mod effects;
 pub mod geometry;
 mod material;
+pub mod medium;
 mod member;
 mod model;
 mod names;
@@ -19,8 +20,9 @@ pub use colormap::Colormap;
 pub use coupling::{Coupled, Coupling, IsovalueMap};
 #[doc(hidden)]
 pub use description::{
-    Albedo, BakeDescription, CameraDescription, Files, Located, MOST_ISOVALUES, ModelDescription, ProbeDescription,
-    ReadFile, SceneDescription, Size, Surroundings, TextureSize, VolumeDescription, WallDescription, WallShape,
+    Albedo, BakeDescription, CameraDescription, FieldDescription, Files, Located, MOST_ISOVALUES, MediumDescription,
+    ModelDescription, ProbeDescription, ReadFile, SceneDescription, Size, Surroundings, TextureSize, VolumeDescription,
+    WallDescription, WallShape,
 };
 pub use effects::{EFFECTS, EffectSwitch, Effects};
 #[doc(hidden)]
@@ -35,4 +37,4 @@ pub use names::nearest;
 pub use open::{DARK, Scene, SceneFile, distant_light};
 pub use plan::{Effect, Plan};
 #[doc(hidden)]
-pub use plan::{Pilot, PlanInput, Surrounded, plan};
+pub use plan::{MediumForecast, Pilot, PlanInput, Surrounded, plan};

@@ -1,9 +1,12 @@
 //! Scenes: volumes that stand in one world with what is around them, from a file, from a description, or made by hand.
 
 use super::geometry::{Among, DistantLight, Geometry, Partner, TriangleMesh};
+use super::medium::{Medium, MediumField};
 use super::member::{AmongOthers, nearest_beside};
 use super::model::ModelName;
-use super::{Coupled, Coupling, Effects, Member, SceneDescription, VolumeDescription, VolumeOptions, WallShape};
+use super::{
+    Coupled, Coupling, Effects, FieldDescription, Member, SceneDescription, VolumeDescription, VolumeOptions, WallShape,
+};
 use crate::error::{Error, Result};
 use crate::file::{self, Beside};
 use crate::level::Pyramid;
@@ -90,6 +93,25 @@ impl Scene {
             true => SceneFile::read(name)?.open(options, effects),
             false => Ok(Self { members: vec![Member::open(name, options)?], description: None }),
         }
+    }
+
+    /// The same with a medium besides, in the box of the volume.
+    ///
+    /// # Errors
+    /// When there are several volumes, the medium makes no sense, or there is one of its name.
+    pub fn with_medium(mut self, medium: Medium) -> Result<Self> {
+        let [member] = self.members.as_mut_slice() else {
+            let remedy = "write it into the scene: [medium] with `field` or a region";
+            return Err(Error::argument("medium", "several volumes", "one volume alone", remedy));
+        };
+        let geometry = match member.geometry.take() {
+            Some(geometry) => geometry,
+            None => Geometry::new(Vec::new(), Vec::new(), 1.0)?,
+        };
+        let media = geometry.media().iter().cloned().chain([medium]).collect();
+        let geometry = geometry.with_media(media)?;
+        member.geometry = (!geometry.is_empty()).then_some(geometry);
+        Ok(self)
     }
 
     /// The volumes; isovalues without a name are those of the first.
@@ -221,6 +243,10 @@ impl SceneFile {
             surroundings.luminaires.clear();
             surroundings.environments.clear();
             surroundings.walls.iter_mut().for_each(|wall| wall.emission = None);
+            surroundings.media.iter_mut().for_each(|medium| medium.emission = [0.0; 3]);
+        }
+        if effects.switched("media") == Some(false) {
+            surroundings.media.clear();
         }
         if surroundings.is_empty() {
             return Ok(None);
@@ -254,7 +280,27 @@ impl SceneFile {
             let probe = probe::open(&self.place_of_environment(name), &ReadOptions::default())?;
             Ok(distant_light(&probe, Orientation::new(volume.up, rotation)?))
         };
-        Ok(Some(surroundings.assemble(&self.description, metres, &mut read, &mut surface, &mut environment)?))
+        let mut field = |field: &FieldDescription| {
+            let volume = match field {
+                FieldDescription::Lit => return Ok(MediumField::Lit),
+                // The volumes of the scene, where they stand in it.
+                FieldDescription::Volume(name) => {
+                    let of_name = self.description.volumes.iter().find(|v| v.name.value == *name);
+                    let found = of_name.map(|d| self.open_one(d, &VolumeOptions::default())).transpose()?;
+                    found.map(|member| member.volume).ok_or_else(|| {
+                        Error::argument("field", name, "a volume of the scene", "name one of its [[volumes]]")
+                    })?
+                }
+                FieldDescription::File(name) => Member::open(&self.place_of(name), &VolumeOptions::default())?.volume,
+            };
+            volume.check_cells()?;
+            let pyramid = Arc::new(Pyramid::new(&volume));
+            Ok(MediumField::Other { volume, pyramid })
+        };
+        let (read, surface, environment) = (&mut read, &mut surface, &mut environment);
+        let geometry = surroundings.assemble(&self.description, metres, read, surface, environment, &mut field)?;
+        // Vacuum alone is nothing.
+        Ok((!geometry.is_empty()).then_some(geometry))
     }
 
     /// A path from the folder of the scene, or the name of a field, as [`Member::open`] takes it.
@@ -267,9 +313,7 @@ impl SceneFile {
     pub fn environment(&self) -> Option<String> {
         let Some(probe) = self.description.probe.as_ref() else {
             // Luminaires are light enough.
-            let shines = !self.description.surroundings.luminaires.is_empty()
-                || !self.description.surroundings.environments.is_empty()
-                || self.description.surroundings.walls.iter().any(|wall| wall.emission.is_some());
+            let shines = self.description.surroundings.shines();
             return shines.then(|| DARK.to_string());
         };
         let name = &probe.name.value;
@@ -293,7 +337,11 @@ impl SceneFile {
         });
         let probe = description.probe.iter().filter(|probe| probe.is_file).map(|probe| &probe.name.value);
         let fixed = description.surroundings.environments.iter().map(|environment| &environment.image.value);
-        let named = volumes.chain(walls).chain(probe).chain(fixed).chain([&description.volume.value]);
+        let of_media = description.surroundings.media.iter().filter_map(|medium| match &medium.field {
+            FieldDescription::File(name) => Some(name),
+            _ => None,
+        });
+        let named = volumes.chain(walls).chain(of_media).chain(probe).chain(fixed).chain([&description.volume.value]);
         let of_model = |name: &'_ String| ModelName::of(name).map_or(name.as_str(), |model| model.path).to_string();
         named.map(|name| self.folder.join(of_model(name))).collect()
     }

@@ -70,7 +70,7 @@ pub fn direct(
     let nothing = Geometry::new(Vec::new(), Vec::new(), 1.0)?;
     let each: Vec<(Vec<Radiance>, SceneCounts)> = with_samples!(volume.samples(), s => {
         let field = LevelField::new(volume, s, pyramid);
-        let world = World::new(volume, &field, geometry.unwrap_or(&nothing));
+        let world = &World::new(volume, &field, geometry.unwrap_or(&nothing));
         let isovalues = world.isovalues(volume.raw_from_value(isovalue) as f32);
         let tracer = Tracer { world, isovalues, environments, settings };
         points

@@ -18,6 +18,8 @@ pub enum On {
     LevelSet(usize),
     /// A part of a wall, diffuse, mirror or glass.
     Wall(u32),
+    /// A medium, by its number in the geometry.
+    Medium(usize),
 }
 
 /// How a path ended.

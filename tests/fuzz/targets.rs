@@ -8,6 +8,7 @@ use isolume::level;
 use isolume::model::Region;
 use isolume::probe::{Orientation, ReadOptions};
 use isolume::scene::geometry::{TriangleMesh, read_mesh};
+use isolume::scene::medium::MediumField;
 use isolume::scene::{Files, ModelDescription, SceneDescription, Size, distant_light};
 use isolume::transfer::store::{ChunkExtent, ErrorTarget, Holdings, Identity, Store, pack_zip};
 use isolume::transfer::{BRICK_TEXELS, Brick, BrickSource, Lattice, Layers, Layout};
@@ -415,7 +416,14 @@ fn check_scene(bytes: &[u8]) -> bool {
         let probe = isolume::probe::by_name(name)?.ok_or_else(none)?;
         Ok(distant_light(&probe, Orientation::new(Up::Y, turned)?))
     };
-    match scene.surroundings.assemble(&scene, 1.0, &mut |_, _| bytes_of_mesh(), &mut |_, _| corners(), &mut sky) {
+    match scene.surroundings.assemble(
+        &scene,
+        1.0,
+        &mut |_, _| bytes_of_mesh(),
+        &mut |_, _| corners(),
+        &mut sky,
+        &mut |_| Ok(MediumField::Lit),
+    ) {
         Err(error) => {
             assert!(error.to_string().len() > 30, "an error without a reason: {error}");
             false

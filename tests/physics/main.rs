@@ -10,6 +10,7 @@ mod hard_environments;
 mod hard_rays;
 mod lamps;
 mod light;
+mod media;
 mod models;
 mod open;
 mod photons;

@@ -110,7 +110,7 @@ fn the_plan_names_every_effect_and_switches_state_their_price() {
         ("+shadowin", "did you mean shadowing?"),
         ("shadowing", "+shadowing"),
         ("+walls", "describe it there"),
-        ("+media", "cannot have it yet"),
+        ("+media", "describe it there"),
         ("-texels", "--isovalues"),
     ] {
         let output = bench.command(&format!("plan sphere:8 --effects {switch}")).assert().code(2).get_output().clone();

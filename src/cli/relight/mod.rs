@@ -221,10 +221,11 @@ impl Relight {
             return work.light(&source, Vec::new());
         }
         let options = self.volume.options_with(self.transfer.shadowing());
-        let mut scene = match &self.scene {
+        let scene = match &self.scene {
             Some(file) => file.open(&options, &self.transfer.effects())?,
             None => Scene::open_with(&self.input, &options, &self.transfer.effects())?,
         };
+        let mut scene = options::add_fog(scene, self.transfer.fog, &self.transfer.effects())?;
         if scene.members().len() > 1 {
             return self.light_scene(scene, &probes, seed, start, console);
         }

@@ -48,8 +48,7 @@ pub(super) struct Section<'a> {
 }
 
 /// Keys that scenes will have, and what takes their place until then.
-pub(super) const LATER: [(&str, &str); 3] =
-    [("caustics", "caustics by photons"), ("medium", "participating media"), ("media", "participating media")];
+pub(super) const LATER: [(&str, &str); 1] = [("caustics", "caustics by photons")];
 
 impl<'a> Section<'a> {
     /// A table whose keys are all among `known`.

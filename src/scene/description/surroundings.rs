@@ -1,11 +1,13 @@
 //! The sections `[[walls]]`, `[[objects]]` (another word for the same) and `[[luminaires]]`.
 
+use super::media::{FieldDescription, MediumDescription};
 use super::read::{Item, Section};
 use super::{Located, SceneDescription};
 use crate::error::{Error, Result};
 use crate::scene::geometry::{
     DistantLight, Finish, Geometry, Luminaire, LuminaireShape, Shape, TriangleMesh, Wall, read_mesh,
 };
+use crate::scene::medium::MediumField;
 use glam::{DMat3, DVec3};
 
 /// What stands around the volume, as described.
@@ -17,6 +19,8 @@ pub struct Surroundings {
     pub luminaires: Vec<Located<Luminaire>>,
     /// Environments that are fixed before the bake.
     pub environments: Vec<EnvironmentDescription>,
+    /// What lies between surfaces.
+    pub media: Vec<MediumDescription>,
     /// Metres of a world unit, where the scene says so.
     pub metres_per_unit: Option<f64>,
 }
@@ -80,11 +84,39 @@ pub type ReadFile<'a> = dyn FnMut(&str, Option<(&str, u64)>) -> Result<Vec<u8>> 
 impl Surroundings {
     /// Whether there is nothing.
     pub fn is_empty(&self) -> bool {
-        self.walls.is_empty() && self.luminaires.is_empty() && self.environments.is_empty()
+        self.walls.is_empty() && self.luminaires.is_empty() && self.environments.is_empty() && self.media.is_empty()
+    }
+
+    /// Whether something sends out light.
+    pub fn shines(&self) -> bool {
+        !self.luminaires.is_empty()
+            || !self.environments.is_empty()
+            || self.walls.iter().any(|wall| wall.emission.is_some())
+            || self.media.iter().any(|medium| medium.shines())
+    }
+
+    /// Refuses two luminaires of one name, walls and media that shine among them.
+    pub(super) fn check_names(&self, all: &Section<'_>) -> Result<()> {
+        let of_walls = self.walls.iter().filter(|w| w.emission.is_some()).map(|w| w.name.value.as_str());
+        let of_luminaires = self.luminaires.iter().map(|l| l.value.name.as_str());
+        let of_media = self.media.iter().filter(|m| m.shines()).map(|m| m.name.as_str());
+        let names: Vec<&str> = of_walls
+            .chain(of_luminaires)
+            .chain(self.environments.iter().map(|e| e.name.as_str()))
+            .chain(of_media)
+            .collect();
+        let Some(twice) = (1..names.len()).find(|&i| names[..i].contains(&names[i])) else { return Ok(()) };
+        let item = ["luminaires", "walls", "objects", "medium"].into_iter().find_map(|key| all.get(key));
+        let remedy = "give each luminaire, and each wall and medium that shines, a name of its own";
+        Err(item.map_or_else(
+            || Error::argument("luminaires", names[twice], "different names", remedy),
+            |item| item.refuse(format!("different names; two are {}", names[twice]), remedy),
+        ))
     }
 
     /// Walls and luminaires ready for rays. `metres_per_unit` is that of the volume, which counts where the scene says
-    /// nothing; `surface` makes the triangles of another volume, `environment` opens an image and turns it by degrees.
+    /// nothing; `surface` makes the triangles of another volume, `environment` opens an image and turns it by degrees, `field` finds the
+    /// volume of a medium's tables.
     ///
     /// # Errors
     /// When a file cannot be read or is no mesh (naming the line), or as [`Geometry::new`].
@@ -95,6 +127,7 @@ impl Surroundings {
         read: &mut ReadFile<'_>,
         surface: &mut dyn FnMut(&str, f64) -> Result<TriangleMesh>,
         environment: &mut dyn FnMut(&str, f64) -> Result<DistantLight>,
+        field: &mut dyn FnMut(&FieldDescription) -> Result<MediumField>,
     ) -> Result<Geometry> {
         let mut walls = Vec::new();
         let mut luminaires: Vec<Luminaire> = self.luminaires.iter().map(|l| l.value.clone()).collect();
@@ -127,8 +160,18 @@ impl Surroundings {
             }
             walls.push(Wall { name: wall.name.value.clone(), shape, finish: wall.finish });
         }
+        let mut media = Vec::new();
+        for description in &self.media {
+            let of_line = |e| scene.at_line(description.line, e);
+            if description.shines() {
+                let name = description.name.clone();
+                let shape = LuminaireShape::Medium(name.clone());
+                luminaires.push(Luminaire { name, shape, power: description.emission });
+            }
+            media.push(description.with_field(field(&description.field).map_err(of_line)?));
+        }
         let metres = self.metres_per_unit.unwrap_or(metres_per_unit);
-        Geometry::new(walls, luminaires, metres)
+        Geometry::new(walls, luminaires, metres)?.with_media(media)
     }
 }
 
@@ -179,18 +222,6 @@ pub(super) fn read(all: &Section<'_>) -> Result<Surroundings> {
             }
         }
     }
-    let names = out.walls.iter().filter(|w| w.emission.is_some()).map(|w| &w.name);
-    let names: Vec<&str> =
-        names.map(|n| n.value.as_str()).chain(out.luminaires.iter().map(|l| l.value.name.as_str())).collect::<Vec<_>>();
-    let names: Vec<&str> = names.into_iter().chain(out.environments.iter().map(|e| e.name.as_str())).collect();
-    if let Some(twice) = (1..names.len()).find(|&i| names[..i].contains(&names[i])) {
-        let item = all.get("luminaires").or_else(|| all.get("walls")).or_else(|| all.get("objects"));
-        let remedy = "give each luminaire and each wall that shines a name of its own";
-        return Err(item.map_or_else(
-            || Error::argument("luminaires", names[twice], "different names", remedy),
-            |item| item.refuse(format!("different names; two are {}", names[twice]), remedy),
-        ));
-    }
     Ok(out)
 }
 
@@ -222,7 +253,7 @@ pub(super) fn required<'a>(section: &Section<'a>, of: &Item<'_>, key: &str, reme
 }
 
 /// One number or three, in 0..=most.
-fn colour(item: &Item<'_>, most: f64, expected: &str, remedy: &str) -> Result<[f64; 3]> {
+pub(super) fn colour(item: &Item<'_>, most: f64, expected: &str, remedy: &str) -> Result<[f64; 3]> {
     let numbers = item.one_or_more()?.iter().map(Item::number).collect::<Result<Vec<_>>>()?;
     let colour = match numbers[..] {
         [one] => [one; 3],

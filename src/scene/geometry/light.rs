@@ -26,6 +26,8 @@ enum Body {
     Directional { towards: DVec3 },
     // Its strength is a factor.
     Environment(DistantLight),
+    // Found by the paths that it scatters or absorbs alone.
+    Medium,
 }
 
 /// Light of one luminaire that would arrive at a point, if nothing is between.
@@ -115,6 +117,7 @@ impl Emitter {
                 }
                 Self { body: Body::Environment(light.clone()), strength: luminaire.power }
             }
+            LuminaireShape::Medium(_) => Self { body: Body::Medium, strength: luminaire.power },
             LuminaireShape::Wall(wall) => {
                 if of_wall.is_empty() {
                     return refuse(format!("the wall {wall}"), "a wall of the scene", "correct the name");
@@ -218,6 +221,7 @@ impl Emitter {
                     density: Some(density),
                 })
             }
+            Body::Medium => None,
         }
     }
 
@@ -261,6 +265,8 @@ impl Emitter {
                 direction: warp::square_to_uniform_sphere(way).as_dvec3().normalize_or(DVec3::Z),
                 flux: self.strength.map(|i| i * 4.0 * PI),
             },
+            // No photons are sent through media.
+            Body::Medium => LeavingPhoton { origin: middle, direction: DVec3::Z, flux: [0.0; 3] },
             Body::Directional { towards } => LeavingPhoton {
                 origin: outside(*towards, place, (middle, radius)),
                 direction: -*towards,
@@ -388,7 +394,7 @@ impl Geometry {
         }
     }
 
-    /// Radiance of the front of a wall that is luminaire `l`.
+    /// Radiance of an opaque piece of the medium that is luminaire `l`, or of the front of a wall.
     pub(crate) fn wall_radiance(&self, l: usize) -> [f64; 3] {
         self.emitters[l].strength
     }

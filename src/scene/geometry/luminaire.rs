@@ -49,6 +49,8 @@ pub enum LuminaireShape {
     },
     /// The wall of this name, on its front, besides what it reflects.
     Wall(String),
+    /// The medium of this name, wherever it lies: `power` is the radiance of a piece so large that it is opaque.
+    Medium(String),
     /// A whole environment, without limit of bands; what it is worth is its radiance times the power.
     Environment(DistantLight),
 }

@@ -29,6 +29,7 @@ pub use primitive::Shape;
 
 use crate::error::{Error, Result};
 use crate::geom::Bounds;
+use crate::scene::medium::{MOST_MEDIA, Medium};
 use glam::DVec3;
 use hierarchy::Hierarchy;
 use light::Emitter;
@@ -104,9 +105,12 @@ pub struct Geometry {
     emitters: Vec<Emitter>,
     nearest_allowed: f64,
     fingerprint: String,
+    // Without media.
+    of_surfaces: String,
     // The baked volume, and the volumes beside it, sorted by name.
     among: Option<Among>,
     partners: Vec<Partner>,
+    media: Vec<Medium>,
 }
 
 /// Most primitives that are simply tried in turn.
@@ -177,8 +181,8 @@ impl Geometry {
         let bounds = boxes.fold(Bounds::EMPTY, |b, [low, high]| b.including(low).including(high));
         let nearest_allowed = if bounds.min.is_finite() { 1e-9 * bounds.size().length() } else { 0.0 };
         let hierarchy = (primitives.len() > FEW).then(|| Hierarchy::new(&primitives));
-        let fingerprint = hash;
-        let (among, partners) = (None, Vec::new());
+        let (fingerprint, of_surfaces) = (hash.clone(), hash);
+        let (among, partners, media) = (None, Vec::new(), Vec::new());
         Ok(Self {
             primitives,
             finishes,
@@ -188,14 +192,71 @@ impl Geometry {
             emitters,
             nearest_allowed,
             fingerprint,
+            of_surfaces,
             among,
             partners,
+            media,
         })
     }
 
     /// Whether there is nothing at all: a volume alone.
     pub fn is_empty(&self) -> bool {
-        self.primitives.is_empty() && self.luminaires.is_empty() && self.partners.is_empty()
+        self.primitives.is_empty() && self.luminaires.is_empty() && self.partners.is_empty() && self.media.is_empty()
+    }
+
+    /// The same with media between all surfaces; those that are vacuum everywhere are left out. A medium that shines needs a
+    /// luminaire of its name ([`LuminaireShape::Medium`]).
+    ///
+    /// # Errors
+    /// When one makes no sense ([`Medium::check`]), two share a name, or there are too many.
+    pub fn with_media(mut self, media: Vec<Medium>) -> Result<Self> {
+        media.iter().try_for_each(Medium::check)?;
+        if let Some(twice) = (1..media.len()).find(|&i| media[..i].iter().any(|m| m.name == media[i].name)) {
+            let expected = "names that differ";
+            return Err(Error::argument("medium", &media[twice].name, expected, "give each its own"));
+        }
+        let media: Vec<Medium> = media.into_iter().filter(|m| !m.is_vacuum()).collect();
+        if media.len() > MOST_MEDIA {
+            return Err(Error::Limit {
+                what: "the scene".into(),
+                needed: format!("{} media", media.len()),
+                limit: format!("{MOST_MEDIA} media"),
+                remedy: "put some together in one table".into(),
+            });
+        }
+        if let Some(dark) = media.iter().find(|m| m.emission != [0.0; 3] && self.luminaire_of_medium(&m.name).is_none())
+        {
+            let expected = "a luminaire of its name that is this medium";
+            let remedy = "add one: it carries what the medium sends out";
+            return Err(Error::argument("medium", &dark.name, expected, remedy));
+        }
+        self.media = media;
+        self.name_all();
+        Ok(self)
+    }
+
+    /// The fingerprint of surfaces and media.
+    fn name_all(&mut self) {
+        self.fingerprint = self.of_surfaces.clone();
+        if self.media.is_empty() {
+            return;
+        }
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(self.of_surfaces.as_bytes());
+        for medium in &self.media {
+            hasher.update(medium.identity().as_bytes());
+        }
+        self.fingerprint = hasher.finalize().to_hex().to_string();
+    }
+
+    /// What lies between surfaces.
+    pub fn media(&self) -> &[Medium] {
+        &self.media
+    }
+
+    /// The luminaire that carries what a medium sends out.
+    pub(crate) fn luminaire_of_medium(&self, name: &str) -> Option<usize> {
+        self.luminaires.iter().position(|l| matches!(&l.shape, LuminaireShape::Medium(of) if of == name))
     }
 
     /// Triangles, rectangles and spheres of all walls.

@@ -65,14 +65,15 @@ impl Geometry {
             return Err(Error::argument("volumes", names[twice], "names that differ", "give each its own"));
         }
         let mut hasher = blake3::Hasher::new();
-        hasher.update(self.fingerprint.as_bytes());
+        hasher.update(self.of_surfaces.as_bytes());
         hasher.update(format!("{:?}", among.tint).as_bytes());
         for partner in &partners {
             let Partner { name, volume, isovalue, tint, .. } = partner;
             hasher.update(format!("{name} {:?} {tint:?} {:?}", volume.solid, isovalue.knots()).as_bytes());
             hasher.update(volume.content_hash().as_bytes());
         }
-        self.fingerprint = hasher.finalize().to_hex().to_string();
+        self.of_surfaces = hasher.finalize().to_hex().to_string();
+        self.name_all();
         (self.among, self.partners) = (Some(among), partners);
         Ok(self)
     }

@@ -16,7 +16,9 @@ fn box_scene() -> Geometry {
     let none = || Error::argument("file", "none", "no file", "none is named");
     scene
         .surroundings
-        .assemble(&scene, 1.0, &mut |_, _| Err(none()), &mut |_, _| Err(none()), &mut |_, _| Err(none()))
+        .assemble(&scene, 1.0, &mut |_, _| Err(none()), &mut |_, _| Err(none()), &mut |_, _| Err(none()), &mut |_| {
+            Err(none())
+        })
         .unwrap()
 }
 

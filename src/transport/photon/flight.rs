@@ -82,7 +82,7 @@ impl<T: Sample> Flight<'_, '_, T> {
                 match self.world.meet(self.isovalues, &origin, direction, level, counts) {
                     Met::Nothing if met_any => return tally(&mut energy.escaped, flux),
                     Met::Nothing => return tally(&mut energy.missed, flux),
-                    Met::Cut => return tally(&mut energy.discarded, flux),
+                    Met::Cut(_) => return tally(&mut energy.discarded, flux),
                     Met::Luminaire(_) => return tally(&mut energy.in_luminaires, flux),
                     // It meets the surface where it starts, as in the estimator `path`.
                     Met::Lost => match at {

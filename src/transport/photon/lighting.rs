@@ -309,7 +309,7 @@ impl<T: Sample> Reader<'_, T> {
                     }
                     return None;
                 }
-                Met::Cut => return None,
+                Met::Cut(_) => return None,
                 Met::Luminaire(hit) => {
                     let point = origin.in_world + hit.distance * direction;
                     let cosine = self.world.geometry.light_cosine(hit.luminaire, point, direction);

@@ -151,6 +151,13 @@ const DIRECTION: u32 = 0;
 const DISK: u32 = 1;
 const ISOVALUE: u32 = 2;
 
+/// Photons fly through vacuum alone.
+fn refuse_media(geometry: Option<&Geometry>) -> Result<()> {
+    let Some(medium) = geometry.and_then(|geometry| geometry.media().first()) else { return Ok(()) };
+    let remedy = "judge it by paths (--against path), or leave the media out: --effects -media";
+    Err(Error::argument("photons", format!("the medium {}", medium.name), "a scene without media", remedy))
+}
+
 impl PhotonMap {
     /// Sends out photons and keeps where they land.
     ///
@@ -172,6 +179,7 @@ impl PhotonMap {
     pub fn watched(scene: &PhotonScene<'_>, settings: &PhotonSettings, progress: &Progress) -> Result<Option<Self>> {
         let volume = scene.volume;
         settings.check()?;
+        refuse_media(scene.geometry)?;
         volume.check_cells()?;
         let nothing = Geometry::new(Vec::new(), Vec::new(), 1.0)?;
         let geometry = scene.geometry.unwrap_or(&nothing);

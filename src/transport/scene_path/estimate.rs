@@ -12,6 +12,10 @@
 //! Every ray from a diffuse turn has the control variate of [`super::super::path`]: it adds −β W (Y(ω) − A(n)), β the share
 //! of such rays of the other replicates that met nothing, by weight, of those of layer 0 and of all above.
 //!
+//! In media a path turns by the phase function, with W times the albedo of the medium; between turns W stays as it is where
+//! they are grey, since the flight takes the light with its own probability, and follows [`super::scatter::InMedia`] elsewhere.
+//! What a medium sends out belongs to the group of its luminaire.
+//!
 //! Luminaires are found in two ways, by sampling them and by the cosine, combined by the balance heuristic (Veach and Guibas
 //! 1995, eq. 9). After a mirror or glass only the path itself finds them; points and parallel light are found by their images
 //! in flat mirrors. Paths end after the last stored layer, or between
@@ -23,17 +27,18 @@ use super::super::replay::{On, PathEnd, ReplayedPath};
 use super::super::sums::clamped_cosine;
 use super::glass;
 use super::images::Images;
+use super::media::Collision;
+use super::scatter::{Ended, InMedia, MOST_COLLISIONS, Scatter};
 use super::specular_chain;
 use super::world::{Met, Origin, Place, SceneCounts, World};
-use crate::geom::{Affine, Frame, Normal};
+use crate::geom::{Affine, Normal};
 use crate::level::{CellPoint, Counts, Site, Start};
-use crate::sampling::{PathSampler, warp};
+use crate::sampling::PathSampler;
 use crate::scene::geometry::{Finish, WallHit};
 use crate::sh;
 use crate::transfer::Layers;
 use crate::volume::Sample;
 use glam::{DVec3, Vec3};
-use std::f64::consts::PI;
 use std::ops::Range;
 
 /// Meetings with walls after which roulette begins.
@@ -110,11 +115,11 @@ impl Found {
     }
 }
 
-/// A path at a point where it turns diffusely.
+/// A path at a point where it turns, diffusely or in a medium.
 #[derive(Clone, Copy)]
 struct Turn {
     origin: Origin,
-    normal: Normal,
+    scatter: Scatter,
 }
 
 /// One path on its way.
@@ -129,6 +134,7 @@ struct Path<'a, 'w, T> {
     layer: usize,
     weight: [f64; 3],
     walls: u32,
+    in_media: InMedia,
 }
 
 /// Traces the paths `range` of every replicate from a site, and adds them to what was found.
@@ -144,7 +150,7 @@ pub(super) fn trace<T: Sample>(
     level: &mut Counts,
     counts: &mut SceneCounts,
 ) {
-    let turn = Turn { origin: world.on_level(0, site.start), normal: site.normal };
+    let turn = Turn { origin: world.on_level(0, site.start), scatter: Scatter::Surface(site.normal) };
     let tint = world.tint(0).map(f64::from);
     for replicate in 0..REPLICATES {
         let sampler = PathSampler::new(settings.seed, item, replicate as u32);
@@ -160,6 +166,7 @@ pub(super) fn trace<T: Sample>(
                 layer: 0,
                 weight: tint,
                 walls: 0,
+                in_media: InMedia::new(&world.media, &sampler, index),
             };
             found.began(replicate, index, turn.origin.in_world);
             path.run(turn, found, level, counts);
@@ -183,7 +190,8 @@ impl<T: Sample> Path<'_, '_, T> {
     }
 
     fn run(&mut self, mut at: Turn, found: &mut Found, level: &mut Counts, counts: &mut SceneCounts) {
-        for turn in 0..MOST_TURNS {
+        let most = if self.world.media.is_empty() { MOST_TURNS } else { MOST_TURNS + MOST_COLLISIONS };
+        for turn in 0..most {
             self.sample_luminaires(&at, turn, found, level, counts);
             match self.follow(&at, turn, found, level, counts) {
                 Some(next) => at = next,
@@ -198,9 +206,16 @@ impl<T: Sample> Path<'_, '_, T> {
     fn add(&self, found: &mut Found, group: usize, value: [f64; 3], factor: f64) {
         let layers = self.settings.layers.len();
         let first = 3 * ((group * REPLICATES + self.replicate) * layers + self.layer);
+        let weight = self.carried();
         for c in 0..3 {
-            found.groups[first + c] += self.weight[c] * value[c] * factor;
+            found.groups[first + c] += weight[c] * value[c] * factor;
         }
+    }
+
+    /// What the path is worth in each channel.
+    fn carried(&self) -> [f64; 3] {
+        let factors = self.in_media.factors();
+        std::array::from_fn(|c| self.weight[c] * factors[c])
     }
 
     fn sample_luminaires(&self, at: &Turn, turn: u32, found: &mut Found, level: &mut Counts, counts: &mut SceneCounts) {
@@ -208,27 +223,27 @@ impl<T: Sample> Path<'_, '_, T> {
             if self.caustics {
                 let images = Images { world: self.world, isovalues: self.isovalues, from: at.origin, luminaire: l };
                 images.each(level, counts, &mut |direction, value| {
-                    let cosine = direction.dot(at.normal.vec().as_dvec3());
-                    if cosine > 0.0 {
-                        self.add(found, 1 + l, value, cosine / PI);
+                    let density = at.scatter.density(&self.world.media, direction);
+                    if density > 0.0 {
+                        self.add(found, 1 + l, value, density);
                     }
                 });
             }
             let u = self.pair(turn, 1 + l as u32);
             let Some(light) = self.world.geometry.arriving(l, at.origin.in_world, u) else { continue };
-            let cosine = light.direction.dot(at.normal.vec().as_dvec3());
-            if cosine <= 0.0
+            let by_turn = at.scatter.density(&self.world.media, light.direction);
+            if by_turn <= 0.0
                 || !self.world.sees(self.isovalues, &at.origin, Some(l), light.direction, light.distance, level, counts)
             {
                 continue;
             }
-            let by_cosine = cosine / PI;
-            let share = light.density.map_or(1.0, |density| density / (density + by_cosine));
-            self.add(found, 1 + l, light.value, by_cosine * share);
+            let share = light.density.map_or(1.0, |density| density / (density + by_turn));
+            let through = self.world.transmittance(at.origin.in_world, light.direction, light.distance, counts);
+            self.add(found, 1 + l, std::array::from_fn(|c| light.value[c] * through[c]), by_turn * share);
         }
     }
 
-    /// Follows a cosine-distributed ray to the next diffuse turn; `None` where the path ends.
+    /// Follows a ray that the turn draws to the next one, diffuse or in a medium; `None` where the path ends.
     fn follow(
         &mut self,
         at: &Turn,
@@ -237,26 +252,37 @@ impl<T: Sample> Path<'_, '_, T> {
         level: &mut Counts,
         counts: &mut SceneCounts,
     ) -> Option<Turn> {
-        let local = warp::square_to_cosine_hemisphere(self.pair(turn, 0));
-        let mut direction = Frame::around(at.normal).from_local(local).as_dvec3().normalize_or(DVec3::Z);
-        let by_cosine = direction.dot(at.normal.vec().as_dvec3()).max(0.0) / PI;
-        self.control(at.normal, direction.as_vec3(), found);
-        // Density of the cosine, while the path has met nothing specular since.
-        let mut density = Some(by_cosine);
+        let (mut direction, by_turn) = at.scatter.sample(&self.world.media, self.pair(turn, 0));
+        let controlled = if let Scatter::Surface(normal) = at.scatter {
+            self.control(normal, direction.as_vec3(), found);
+            true
+        } else {
+            false
+        };
+        // Density of the direction, while the path has met nothing specular since.
+        let mut density = Some(by_turn);
         let mut origin = at.origin;
         for in_a_row in 0..specular_chain::MOST {
             found.aimed(direction);
-            match self.world.meet(self.isovalues, &origin, direction, level, counts) {
+            let met = self.world.meet(self.isovalues, &origin, direction, level, counts);
+            if !self.world.media.is_empty() {
+                let ray = (origin.in_world, direction, self.world.distance_to(&met, &origin, direction));
+                let source = (self.sampler, self.index);
+                if let Some(collision) = self.in_media.fly(&self.world.media, ray, source, (turn, in_a_row), counts) {
+                    return self.in_medium(collision, &origin, direction, turn, found);
+                }
+            }
+            match met {
                 Met::Nothing => {
                     self.see_distant(density, direction, found);
                     self.escape(direction.as_vec3(), found);
-                    if density.is_some() {
+                    if density.is_some() && controlled {
                         found.rays[self.replicate][self.layer.min(1)][1] += self.mean_weight();
                     }
                     found.ended(PathEnd::Escaped);
                     return None;
                 }
-                Met::Cut => {
+                Met::Cut(_) => {
                     counts.cut += 1;
                     found.ended(PathEnd::Cut);
                     return None;
@@ -381,7 +407,7 @@ impl<T: Sample> Path<'_, '_, T> {
     fn add_vector(&self, values: &[f32], sums: &mut [f64]) {
         let layers = &self.settings.layers;
         let first = self.replicate * layers.coefficients() + layers.offset(self.layer);
-        for (sums, weight) in sums[first..].chunks_exact_mut(values.len()).zip(self.weight) {
+        for (sums, weight) in sums[first..].chunks_exact_mut(values.len()).zip(self.carried()) {
             for (sum, y) in sums.iter_mut().zip(values) {
                 *sum += weight * f64::from(*y);
             }
@@ -389,7 +415,40 @@ impl<T: Sample> Path<'_, '_, T> {
     }
 
     fn mean_weight(&self) -> f64 {
-        self.weight.iter().sum::<f64>() / 3.0
+        self.carried().iter().sum::<f64>() / 3.0
+    }
+
+    /// A meeting with a medium: what it sends out there, and how the path goes on.
+    fn in_medium(
+        &mut self,
+        collision: Collision,
+        from: &Origin,
+        direction: DVec3,
+        turn: u32,
+        found: &mut Found,
+    ) -> Option<Turn> {
+        let Collision { distance, medium, albedo, .. } = collision;
+        if let Some((l, radiance)) = self.world.media.glow(medium) {
+            self.add(found, 1 + l, std::array::from_fn(|c| radiance[c] * (1.0 - albedo[c])), 1.0);
+        }
+        (0..3).for_each(|c| self.weight[c] *= albedo[c]);
+        let largest = self.carried().into_iter().fold(0.0, f64::max);
+        let point = from.in_world + distance * direction;
+        found.turned(On::Medium(medium), point);
+        match self.in_media.collided(largest, self.pair(turn, self.pairs() - 1)[1]) {
+            Ok(survival) => self.weight = self.weight.map(|w| w / survival),
+            Err(Ended::Absorbed) => {
+                found.ended(PathEnd::Absorbed);
+                return None;
+            }
+            Err(Ended::Trapped) => {
+                found.trapped += 1;
+                found.ended(PathEnd::Trapped);
+                return None;
+            }
+        }
+        let origin = Origin { place: Place::Medium, in_world: point };
+        Some(Turn { origin, scatter: Scatter::Medium { onward: direction, medium } })
     }
 
     /// Counts a meeting with a level set; whether the path goes on in the next layer.
@@ -416,14 +475,15 @@ impl<T: Sample> Path<'_, '_, T> {
         if found.record.is_some() {
             found.turned(On::LevelSet(set), self.world.on_level(set, start).in_world);
         }
-        self.on_level_again(set, found).then(|| Turn { origin: self.world.on_level(set, start), normal })
+        self.on_level_again(set, found)
+            .then(|| Turn { origin: self.world.on_level(set, start), scatter: Scatter::Surface(normal) })
     }
 
     fn at_wall(&mut self, hit: &WallHit, albedo: [f32; 3], point: DVec3, direction: DVec3, turn: u32) -> Option<Turn> {
         for c in 0..3 {
             self.weight[c] *= f64::from(albedo[c]);
         }
-        let largest = self.weight.into_iter().fold(0.0, f64::max);
+        let largest = self.carried().into_iter().fold(0.0, f64::max);
         if largest <= 0.0 {
             return None;
         }
@@ -438,6 +498,7 @@ impl<T: Sample> Path<'_, '_, T> {
         let towards = if direction.dot(hit.normal) < 0.0 { hit.normal } else { -hit.normal };
         // A normal points down a gradient.
         let normal = Normal::down_gradient(-towards.as_vec3())?;
-        Some(Turn { origin: Origin { place: Place::Wall(hit.part), in_world: point }, normal })
+        let origin = Origin { place: Place::Wall(hit.part), in_world: point };
+        Some(Turn { origin, scatter: Scatter::Surface(normal) })
     }
 }

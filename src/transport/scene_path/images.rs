@@ -107,7 +107,15 @@ impl<T: Sample> Images<'_, '_, T> {
         let free = parts.iter().all(|(origin, direction, distance)| {
             self.world.sees(self.isovalues, origin, Some(self.luminaire), *direction, *distance, level, counts)
         });
+        if !free {
+            return None;
+        }
         let value = |c: usize| chain.iter().fold(light.value[c], |v, mirror| v * mirror.reflectance[c]);
-        free.then(|| (first, std::array::from_fn(value)))
+        let mut value: [f64; 3] = std::array::from_fn(value);
+        for (origin, direction, distance) in &parts {
+            let through = self.world.transmittance(origin.in_world, *direction, *distance, counts);
+            (0..3).for_each(|c| value[c] *= through[c]);
+        }
+        Some((first, value))
     }
 }

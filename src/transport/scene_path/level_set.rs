@@ -19,6 +19,17 @@ pub(super) enum Along {
     Cut(f64),
 }
 
+/// Where a ray starts, seen from a level set.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum On {
+    /// On it.
+    Surface(Start),
+    /// On its lit side, up to rounding: between surfaces, where a path turned in a medium.
+    Lit,
+    /// Anywhere.
+    Anywhere,
+}
+
 /// The maps between a volume's grid and the world, in double precision.
 pub(super) struct Placement {
     world_from_grid: Affine,
@@ -39,8 +50,13 @@ impl Placement {
         self.world_from_grid.point(in_grid.clamp(DVec3::splat(INSIDE), self.last - INSIDE))
     }
 
+    /// A point and a direction of the world in grid space.
+    pub(super) fn in_grid(&self, point: DVec3, direction: DVec3) -> (DVec3, DVec3) {
+        (self.grid_from_world.point(point), self.grid_from_world.vector(direction))
+    }
+
     /// Distances at which a ray enters and leaves the box; `None` if it does not meet it.
-    fn span(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64)> {
+    pub(super) fn span(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64)> {
         let (o, d) = (self.grid_from_world.point(origin), self.grid_from_world.vector(direction));
         let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
         for a in 0..3 {
@@ -57,27 +73,27 @@ impl Placement {
         (enter < leave).then_some((enter, leave))
     }
 
-    /// What the level set alone does to a ray before `limit`; `on` is where on it the ray starts, if it does.
+    /// What the level set alone does to a ray before `limit`.
     pub(super) fn along<T: Sample>(
         &self,
         field: &LevelField<'_, T>,
         isovalue: f32,
-        on: Option<Start>,
+        on: On,
         origin: DVec3,
         direction: DVec3,
         limit: f64,
         counts: &mut Counts,
     ) -> Along {
         let start = match on {
-            Some(start) => start,
-            None => {
+            On::Surface(start) => start,
+            On::Anywhere | On::Lit => {
                 let Some((enter, _)) = self.span(origin, direction).filter(|(enter, _)| *enter < limit) else {
                     return Along::Nothing;
                 };
                 let (o, d) = (self.grid_from_world.point(origin), self.grid_from_world.vector(direction));
                 let at = field.locate((o + enter * d).to_array());
                 let is_solid = field.sign() * (field.raw_value(&at) - isovalue) > 0.0;
-                match (is_solid, enter > 0.0) {
+                match (is_solid && (on != On::Lit || enter > 0.0), enter > 0.0) {
                     (false, _) => Start::beside(at),
                     (true, true) => return Along::Cut(enter),
                     (true, false) => return Along::Lost,
@@ -109,7 +125,7 @@ pub(super) trait PartnerSet: Sync {
     fn meet_along(
         &self,
         isovalue: f32,
-        on: Option<Start>,
+        on: On,
         origin: DVec3,
         direction: DVec3,
         limit: f64,
@@ -134,7 +150,7 @@ impl<T: Sample> PartnerSet for Standing<'_, T> {
     fn meet_along(
         &self,
         isovalue: f32,
-        on: Option<Start>,
+        on: On,
         origin: DVec3,
         direction: DVec3,
         limit: f64,

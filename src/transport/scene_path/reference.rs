@@ -11,17 +11,17 @@ use super::super::REPLICATES;
 use super::super::direct::Radiance;
 use super::glass;
 use super::images::Images;
+use super::scatter::{InMedia, Scatter};
 use super::specular_chain;
 use super::world::{Isovalues, Met, Origin, Place, SceneCounts, World};
 use crate::error::{Error, Result};
-use crate::geom::{Direction, Frame, Normal};
+use crate::geom::{Direction, Normal};
 use crate::level::{CellPoint, Counts, LevelField, Pyramid, Start};
-use crate::sampling::{DirectionalSource, PathSampler, warp};
+use crate::sampling::{DirectionalSource, PathSampler};
 use crate::scene::geometry::{Finish, Geometry};
 use crate::volume::{Sample, Volume, with_samples};
 use glam::DVec3;
 use rayon::prelude::*;
-use std::f64::consts::PI;
 
 /// What the reference is asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,7 +87,7 @@ pub fn scene_radiance(
     let raw = volume.raw_from_value(isovalue) as f32;
     let each: Vec<(Option<Radiance>, SceneCounts)> = with_samples!(volume.samples(), s => {
         let field = LevelField::new(volume, s, pyramid);
-        let world = World::new(volume, &field, geometry);
+        let world = &World::new(volume, &field, geometry);
         let isovalues = world.isovalues(raw);
         let tracer = Tracer { world, isovalues, environments: environment.as_slice(), settings };
         rays.par_iter()
@@ -104,15 +104,15 @@ pub fn scene_radiance(
 }
 
 pub(in super::super) struct Tracer<'a, T> {
-    pub(in super::super) world: World<'a, T>,
+    pub(in super::super) world: &'a World<'a, T>,
     pub(in super::super) isovalues: Isovalues,
     /// Radiance is found under each of them; all share the paths.
     pub(in super::super) environments: &'a [&'a dyn DirectionalSource],
     pub(in super::super) settings: &'a SceneReference,
 }
 
-/// Where a path turns: its place, and the normal towards the lit side.
-type Turn = (Origin, Normal);
+/// Where a path turns: its place, and how it goes on from there.
+type Turn = (Origin, Scatter);
 
 /// Sums of what paths bring.
 #[derive(Clone)]
@@ -143,7 +143,7 @@ impl<T: Sample> Tracer<'_, T> {
         counts: &mut SceneCounts,
     ) -> Vec<Radiance> {
         let origin = self.world.on_level(0, Start::on(at));
-        self.mean(origin, DVec3::Z, Some((origin, normal)), item, counts)
+        self.mean(origin, DVec3::Z, Some((origin, Scatter::Surface(normal))), item, counts)
     }
 
     /// Over the paths of all replicates, under each environment; they start as if the first thing met were `first`.
@@ -221,30 +221,59 @@ impl<T: Sample> Tracer<'_, T> {
         let (mut turn, mut specular) = (0, 0);
         let chance = |turn, specular| f64::from(sampler.pair(path, specular_chain::pair(turn, specular))[0]);
         let mut at = None;
+        let media = &self.world.media;
+        let mut in_media = InMedia::new(media, sampler, path);
+        let carried = |weight: &[f64; 3], in_media: &InMedia| -> [f64; 3] {
+            let factors = in_media.factors();
+            std::array::from_fn(|c| weight[c] * factors[c])
+        };
         while turn < MOST_TURNS && specular < specular_chain::MOST {
             let met = match first.take() {
-                Some((place, normal)) => Err((place, normal, self.albedo(0))),
-                None => Ok(self.world.meet(&self.isovalues, &origin, direction, level, counts)),
+                Some((place, scatter)) => Err((place, scatter, self.albedo(0))),
+                None => {
+                    let met = self.world.meet(&self.isovalues, &origin, direction, level, counts);
+                    let collision = if media.is_empty() {
+                        None
+                    } else {
+                        let ray = (origin.in_world, direction, self.world.distance_to(&met, &origin, direction));
+                        in_media.fly(media, ray, (sampler, path), (turn, specular), counts)
+                    };
+                    match collision {
+                        None => Ok(met),
+                        Some(collision) => {
+                            let weight = carried(&weight, &in_media);
+                            if let Some((l, radiance)) = media.glow(collision.medium) {
+                                let out = std::array::from_fn(|c| radiance[c] * (1.0 - collision.albedo[c]));
+                                add(&mut found.near, &weight, scaled(l, out), 1.0);
+                            }
+                            let in_world = origin.in_world + collision.distance * direction;
+                            let place = Origin { place: Place::Medium, in_world };
+                            let scatter = Scatter::Medium { onward: direction, medium: collision.medium };
+                            Err((place, scatter, collision.albedo.map(|v| v as f32)))
+                        }
+                    }
+                }
             };
-            let (place, normal, albedo) = match met {
+            let now = carried(&weight, &in_media);
+            let (place, scatter, albedo) = match met {
                 Err(first) => first,
                 Ok(Met::Nothing) => {
                     if counts_light {
                         geometry.each_distant(direction, &mut |l, radiance, _| {
-                            add(&mut found.near, &weight, scaled(l, radiance), 1.0);
+                            add(&mut found.near, &now, scaled(l, radiance), 1.0);
                         });
                     }
-                    return self.escape(direction, by_cosine, &weight, found);
+                    return self.escape(direction, by_cosine, &now, found);
                 }
-                Ok(Met::Cut) => return,
+                Ok(Met::Cut(_)) => return,
                 Ok(Met::Luminaire(hit)) => {
                     if counts_light {
-                        add(&mut found.near, &weight, scaled(hit.luminaire, hit.radiance), 1.0);
+                        add(&mut found.near, &now, scaled(hit.luminaire, hit.radiance), 1.0);
                     }
                     return;
                 }
                 Ok(Met::Lost) => match at {
-                    Some((place, normal, set)) => (place, normal, self.albedo(set)),
+                    Some((place, scatter, set)) => (place, scatter, self.albedo(set)),
                     None => return,
                 },
                 Ok(Met::Level(set, cell)) => {
@@ -253,18 +282,18 @@ impl<T: Sample> Tracer<'_, T> {
                     let normal =
                         if looked_at { self.world.smoothed_normal(set, &cell) } else { self.world.normal(set, &cell) };
                     let Some(normal) = normal else { return };
-                    (self.world.on_level(set, Start::on(cell)), normal, self.albedo(set))
+                    (self.world.on_level(set, Start::on(cell)), Scatter::Surface(normal), self.albedo(set))
                 }
                 Ok(Met::Wall(hit)) => {
                     let in_world = origin.in_world + hit.distance * direction;
                     let place = Origin { place: Place::Wall(hit.part), in_world };
                     let towards = if direction.dot(hit.normal) < 0.0 { hit.normal } else { -hit.normal };
                     if let Some(l) = hit.luminaire.filter(|_| counts_light && direction.dot(hit.normal) < 0.0) {
-                        add(&mut found.near, &weight, scaled(l, geometry.wall_radiance(l)), 1.0);
+                        add(&mut found.near, &now, scaled(l, geometry.wall_radiance(l)), 1.0);
                     }
                     match hit.finish {
                         Finish::Diffuse(albedo) => match Normal::down_gradient(-towards.as_vec3()) {
-                            Some(normal) => (place, normal, albedo),
+                            Some(normal) => (place, Scatter::Surface(normal), albedo),
                             None => return,
                         },
                         Finish::Mirror(share) => {
@@ -288,10 +317,10 @@ impl<T: Sample> Tracer<'_, T> {
                 }
             };
             if matches!(place.place, Place::Level(..)) {
-                add(&mut found.near, &weight, self.settings.emission.map(f64::from), 1.0);
+                add(&mut found.near, &now, self.settings.emission.map(f64::from), 1.0);
             }
             (0..3).for_each(|c| weight[c] *= f64::from(albedo[c]));
-            let largest = weight.into_iter().fold(0.0, f64::max);
+            let largest = carried(&weight, &in_media).into_iter().fold(0.0, f64::max);
             if largest <= 0.0 {
                 return;
             }
@@ -303,17 +332,17 @@ impl<T: Sample> Tracer<'_, T> {
                 weight = weight.map(|w| w / survive);
             }
             let variates = |which: u32| sampler.pair(path, pairs * turn + which);
+            let (now, at_turn) = (carried(&weight, &in_media), (place, scatter));
             if self.settings.samples_luminaires {
                 for l in 0..luminaires {
-                    self.sample_luminaire(l, &(place, normal), variates(1 + l as u32), &weight, found, level, counts);
+                    self.sample_luminaire(l, &at_turn, variates(1 + l as u32), &now, found, level, counts);
                 }
             }
-            self.sample_environments(&(place, normal), variates(1 + luminaires as u32), &weight, found, level, counts);
-            let local = warp::square_to_cosine_hemisphere(variates(0));
-            direction = Frame::around(normal).from_local(local).as_dvec3().normalize_or(DVec3::Z);
-            by_cosine = Some(direction.dot(normal.vec().as_dvec3()).max(0.0) / PI);
+            self.sample_environments(&at_turn, variates(1 + luminaires as u32), &now, found, level, counts);
+            let (next, density) = scatter.sample(media, variates(0));
+            (direction, by_cosine) = (next, Some(density));
             counts_light = !self.settings.samples_luminaires;
-            at = if let Place::Level(set, _) = place.place { Some((place, normal, set)) } else { None };
+            at = if let Place::Level(set, _) = place.place { Some((place, scatter, set)) } else { None };
             (origin, turn, specular) = (place, turn + 1, 0);
         }
         counts.lost_specular += u64::from(specular == specular_chain::MOST);
@@ -345,33 +374,35 @@ impl<T: Sample> Tracer<'_, T> {
     fn sample_luminaire(
         &self,
         l: usize,
-        (place, normal): &Turn,
+        (place, scatter): &Turn,
         u: [f32; 2],
         weight: &[f64; 3],
         found: &mut Brought,
         level: &mut Counts,
         counts: &mut SceneCounts,
     ) {
-        let normal = normal.vec().as_dvec3();
-        let images = Images { world: &self.world, isovalues: &self.isovalues, from: *place, luminaire: l };
+        let media = &self.world.media;
+        let images = Images { world: self.world, isovalues: &self.isovalues, from: *place, luminaire: l };
         images.each(level, counts, &mut |direction, value| {
-            let cosine = direction.dot(normal);
-            if cosine > 0.0 {
-                add(&mut found.near, weight, self.scaled(l, value), cosine / PI);
+            let density = scatter.density(media, direction);
+            if density > 0.0 {
+                add(&mut found.near, weight, self.scaled(l, value), density);
             }
         });
         let Some(light) = self.world.geometry.arriving(l, place.in_world, u) else { return };
-        let cosine = light.direction.dot(normal);
-        if cosine > 0.0
+        let density = scatter.density(media, light.direction);
+        if density > 0.0
             && self.world.sees(&self.isovalues, place, Some(l), light.direction, light.distance, level, counts)
         {
-            add(&mut found.near, weight, self.scaled(l, light.value), cosine / PI);
+            let through = self.world.transmittance(place.in_world, light.direction, light.distance, counts);
+            let value = std::array::from_fn(|c| light.value[c] * through[c]);
+            add(&mut found.near, weight, self.scaled(l, value), density);
         }
     }
 
     fn sample_environments(
         &self,
-        (place, normal): &Turn,
+        (place, scatter): &Turn,
         u: [f32; 2],
         weight: &[f64; 3],
         found: &mut Brought,
@@ -380,16 +411,16 @@ impl<T: Sample> Tracer<'_, T> {
     ) {
         for (light, sum) in self.environments.iter().zip(&mut found.distant) {
             let Some(sample) = light.sample(u) else { continue };
-            let cosine = sample.direction.vec().dot(normal.vec());
-            if cosine <= 0.0 {
+            let direction = sample.direction.vec().as_dvec3().normalize_or(DVec3::Z);
+            let by_turn = scatter.density(&self.world.media, direction);
+            if by_turn <= 0.0 {
                 continue;
             }
-            let direction = sample.direction.vec().as_dvec3().normalize_or(DVec3::Z);
             if self.world.sees(&self.isovalues, place, None, direction, f64::INFINITY, level, counts) {
-                // cosine/π · L / p_light, weighted by p_light / (p_light + p_cosine).
-                let by_cosine = f64::from(cosine) / PI;
-                let factor = by_cosine / (f64::from(sample.density) + by_cosine);
-                add(sum, weight, sample.radiance.map(f64::from), factor);
+                // p_turn · L / p_light, weighted by p_light / (p_light + p_turn).
+                let factor = by_turn / (f64::from(sample.density) + by_turn);
+                let through = self.world.transmittance(place.in_world, direction, f64::INFINITY, counts);
+                add(sum, weight, std::array::from_fn(|c| f64::from(sample.radiance[c]) * through[c]), factor);
             }
         }
     }

@@ -47,6 +47,7 @@ pub fn site_radiance(
     volume.check_cells()?;
     let each: Vec<(Option<Radiance>, SceneCounts)> = with_samples!(volume.samples(), s => {
         let field = LevelField::new(volume, s, pyramid);
+        let world = &World::new(volume, &field, geometry);
         sites
             .par_iter()
             .enumerate()
@@ -55,7 +56,6 @@ pub fn site_radiance(
                 let at = field.locate(site.position_in_grid);
                 let Some(normal) = field.normal(&at) else { return (None, counts) };
                 let isovalue = site.isovalue.map_or(field.raw_value(&at), |c| volume.raw_from_value(c) as f32);
-                let world = World::new(volume, &field, geometry);
                 let isovalues = world.isovalues(isovalue);
                 let (environments, settings) = (environment.as_slice(), &of_site(site));
                 let tracer = Tracer { world, isovalues, environments, settings };

@@ -10,7 +10,8 @@
 //! of one that lies in the solid of another is *buried*: no light reaches it.
 
 use super::images;
-use super::level_set::{Along, PartnerSet, Placement, Standing};
+use super::level_set::{Along, On, PartnerSet, Placement, Standing};
+use super::media::Media;
 use crate::geom::{Affine, Normal};
 use crate::level::{CellPoint, Counts, LevelField, Start};
 use crate::scene::geometry::{FlatMirror, Geometry, LightHit, Partner, WallHit};
@@ -24,6 +25,8 @@ pub(in super::super) enum Place {
     Level(usize, Start),
     /// On a part of a wall.
     Wall(u32),
+    /// In a medium, on the lit side of all level sets.
+    Medium,
     /// Anywhere else: luminaires, cameras.
     Free,
 }
@@ -43,8 +46,8 @@ pub(in super::super) enum Met {
     Level(usize, CellPoint),
     /// The facet under a smoothed normal, or solid around a wall.
     Lost,
-    /// A cut through the solid at the border of the box; or the solid of a partner, around a point of a level set.
-    Cut,
+    /// A cut through the solid at the border of the box, so far away; or the solid of a partner, around a point of a level set.
+    Cut(f64),
     Wall(WallHit),
     Luminaire(LightHit),
 }
@@ -74,6 +77,12 @@ pub struct SceneCounts {
     pub buried: u64,
     /// Paths that were cut at the most mirrors and glass in a row; what light they had ahead of them is missing.
     pub lost_specular: u64,
+    /// Parts of rays, of both kinds, that were followed through a medium.
+    pub medium_rays: u64,
+    /// Cells of fields that these passed.
+    pub medium_cells: u64,
+    /// Meetings of paths with media.
+    pub collisions: u64,
     /// Paths that were cut at the most turns; what light they had ahead of them is missing.
     pub lost_turns: u64,
 }
@@ -98,6 +107,9 @@ impl std::ops::AddAssign for SceneCounts {
         self.partner_hits += other.partner_hits;
         self.buried += other.buried;
         self.lost_specular += other.lost_specular;
+        self.medium_rays += other.medium_rays;
+        self.medium_cells += other.medium_cells;
+        self.collisions += other.collisions;
         self.lost_turns += other.lost_turns;
     }
 }
@@ -114,6 +126,8 @@ pub(in super::super) struct World<'a, T> {
     partners: Vec<Box<dyn PartnerSet + 'a>>,
     /// Those in which images of luminaires are looked for.
     pub(super) mirrors: Vec<FlatMirror>,
+    /// What lies between surfaces.
+    pub(super) media: Media<'a>,
 }
 
 impl<'a, T: Sample> World<'a, T> {
@@ -133,6 +147,7 @@ impl<'a, T: Sample> World<'a, T> {
             placement: Placement::new(volume),
             partners,
             mirrors: images::mirrors(geometry),
+            media: Media::new(volume, field.pyramid(), geometry),
         }
     }
 
@@ -198,11 +213,11 @@ impl<'a, T: Sample> World<'a, T> {
             match self.along(set, isovalue, from, direction, limit, level, counts) {
                 Along::Nothing => {}
                 Along::Hit(cell, distance) if distance < limit => (limit, found) = (distance, Met::Level(set, cell)),
-                Along::Cut(distance) if distance < limit => (limit, found) = (distance, Met::Cut),
+                Along::Cut(distance) if distance < limit => (limit, found) = (distance, Met::Cut(distance)),
                 Along::Hit(..) | Along::Cut(_) => {}
                 // A point of another level set around which there is solid, or one of its own.
                 Along::Lost => match from.place {
-                    Place::Level(own, _) if own != set => return Met::Cut,
+                    Place::Level(own, _) if own != set => return Met::Cut(0.0),
                     _ => return Met::Lost,
                 },
             }
@@ -255,6 +270,31 @@ impl<'a, T: Sample> World<'a, T> {
         })
     }
 
+    /// How far a ray goes to what it meets.
+    pub(super) fn distance_to(&self, met: &Met, from: &Origin, direction: DVec3) -> f64 {
+        match met {
+            Met::Nothing => f64::INFINITY,
+            Met::Lost => 0.0,
+            Met::Cut(distance) => *distance,
+            Met::Wall(hit) => hit.distance,
+            Met::Luminaire(hit) => hit.distance,
+            Met::Level(set, cell) => {
+                (self.on_level(*set, Start::on(*cell)).in_world - from.in_world).dot(direction).max(0.0)
+            }
+        }
+    }
+
+    /// e^(−τ) of the media along a ray up to a distance; 1 where there are none.
+    pub(super) fn transmittance(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        distance: f64,
+        counts: &mut SceneCounts,
+    ) -> [f64; 3] {
+        if self.media.is_empty() { [1.0; 3] } else { self.media.transmittance(origin, direction, distance, counts) }
+    }
+
     /// What one level set alone does to a ray before `limit`.
     fn along(
         &self,
@@ -267,8 +307,9 @@ impl<'a, T: Sample> World<'a, T> {
         counts: &mut SceneCounts,
     ) -> Along {
         let on = match from.place {
-            Place::Level(own, start) if own == set => Some(start),
-            _ => None,
+            Place::Level(own, start) if own == set => On::Surface(start),
+            Place::Medium => On::Lit,
+            _ => On::Anywhere,
         };
         let Some(partner) = set.checked_sub(1) else {
             return self.placement.along(self.field, isovalue, on, from.in_world, direction, limit, level);
