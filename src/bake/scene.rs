@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::scene::geometry::{Among, Geometry, Partner};
 use crate::scene::{self, IsovalueMap, Scene};
-use crate::transfer::store::{CouplingIdentity, PartnerIdentity, SceneIdentity, Store};
+use crate::transfer::store::{BodyIdentity, CouplingIdentity, PartnerIdentity, SceneIdentity, Store};
 use crate::transfer::{Layers, Layout, Selection};
 use crate::transport::{Bake, Settings, needs_photons, pilot};
 use crate::volume::Solid;
@@ -15,7 +15,12 @@ use std::sync::Arc;
 /// The layout of a bake: in three channels where something stands around the volume.
 pub fn layout_of_scene(plain: Layout, geometry: Option<&Geometry>) -> Layout {
     match geometry {
-        Some(_) => Layout { layers: plain.layers.coloured(), ..plain },
+        Some(geometry) => {
+            let bands = plain.layers.bands();
+            // One layer a node, all of the bands of the first.
+            let nodes = geometry.body().and_then(|body| Layers::new(vec![bands[0]; body.layers()]).ok());
+            Layout { layers: nodes.unwrap_or(plain.layers).coloured(), ..plain }
+        }
         None => plain,
     }
 }
@@ -27,6 +32,11 @@ impl Request<'_> {
             fingerprint: geometry.fingerprint().into(),
             luminaires: geometry.luminaires().iter().map(|l| l.name.clone()).collect(),
             exponents: geometry.exponents(self.volume),
+            body: geometry.body().map(|body| BodyIdentity {
+                index: body.index,
+                nodes: body.nodes.clone(),
+                albedo: body.medium.albedo.at(0.0),
+            }),
             coupling: geometry.among().map(|among| CouplingIdentity {
                 coupling: among.coupling.clone(),
                 name: among.name.clone(),
@@ -95,6 +105,11 @@ impl Request<'_> {
                 .iter()
                 .map(|m| scene::MediumForecast { name: m.name.clone(), depth_bound: m.depth_bound(self.volume) })
                 .collect(),
+            body: geometry.body().map(|body| scene::BodyForecast {
+                index: body.index,
+                depth: body.medium.depth_bound(self.volume),
+                nodes: body.nodes.len(),
+            }),
             collisions: trial.scene.collisions,
             partner_rays: trial.scene.partner_rays,
             partner_hits: trial.scene.partner_hits,

@@ -6,7 +6,7 @@ use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::tell;
 use super::light::open_probe;
-use super::options::{BakeArgs, EstimatorArg, Texture, TransferArgs, add_fog, parse_share, parse_time};
+use super::options::{BakeArgs, EstimatorArg, Texture, TransferArgs, add_media, parse_share, parse_time};
 use super::{Failure, Outcome, forecast, output, replay, text};
 use crate::bake::{ForLight, Share, Writing, layout_of_scene};
 use crate::error::Error;
@@ -159,7 +159,7 @@ impl Bake {
             Some(file) => file.open(&options, &transfer.effects())?,
             None => Scene::open_with(&self.input, &options, &transfer.effects())?,
         };
-        scene = add_fog(scene, transfer.fog, &transfer.effects())?;
+        scene = add_media(scene, transfer)?;
         match &self.fixed_env {
             Some(name) => fix(&mut scene, name, (self.env_rotate, self.env_frame))?,
             None if self.env_rotate != 0.0 && self.for_env.is_none() => {

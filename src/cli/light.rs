@@ -190,6 +190,9 @@ pub(super) struct MaterialArgs {
     /// Diffuse reflectance, one number or r,g,b, linear; with --colormap a factor on its colours [default: 0.7]
     #[arg(long, value_name = "RHO|R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
     pub(super) albedo: Option<Triple>,
+    /// Albedo of the medium of a translucent solid that was baked with nodes (bake --translucent SIGMA,free), one number or three
+    #[arg(long, value_name = "A[,G,B]", value_parser = parse_triple)]
+    pub(super) medium_albedo: Option<Triple>,
     /// Colour by isovalue: a colour scale, over the range of the volume or of LOW..HIGH
     #[arg(long, value_name = "NAME[:LOW..HIGH]")]
     pub(super) colormap: Option<String>,

@@ -5,7 +5,7 @@ use super::memory::{self, Bound};
 use super::text;
 use crate::bake::{Estimator, ForLight, Goal, Share};
 use crate::error::{Error, Result};
-use crate::scene::medium::{Medium, Phase};
+use crate::scene::medium::{Body, Medium, Phase, albedo_nodes};
 use crate::scene::{EffectSwitch, Effects, Member, Scene, SceneFile};
 use crate::sh::MAX_BANDS;
 use crate::transfer::{Lattice, Layers, Layout, MAX_LAYERS};
@@ -42,6 +42,10 @@ pub(super) struct TransferArgs {
     /// scattering [0], such as 0.02,0.9,0.5
     #[arg(long, value_name = "SIGMA[,ALBEDO[,G]]", value_parser = parse_fog, allow_hyphen_values = true)]
     pub(super) fog: Option<Fog>,
+    /// Let light through the solid: extinction per world unit, albedo of its medium (or free, for relight --medium-albedo), mean cosine
+    /// of its scattering [0] and index of refraction [1], such as 0.1,0.95,0.5,1.4
+    #[arg(long, value_name = "SIGMA[,ALBEDO|free[,G[,INDEX]]]", value_parser = parse_translucent, allow_hyphen_values = true)]
+    pub(super) translucent: Option<Translucent>,
     /// Refuse to use more memory, such as 2GB [default: 80 % of what machine, ulimit -v and control group allow]
     #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
     pub(super) memory_limit: Option<u64>,
@@ -64,6 +68,58 @@ pub(super) fn parse_fog(argument: &str) -> std::result::Result<Fog, String> {
     let [extinction, albedo, g] = fog;
     let legal = extinction.is_finite() && extinction >= 0.0 && (0.0..=1.0).contains(&albedo) && g.abs() < 1.0;
     if legal { Ok(Fog(fog)) } else { Err(expected.into()) }
+}
+
+/// A translucent solid as given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Translucent {
+    extinction: f64,
+    // `None` where it is free.
+    albedo: Option<f64>,
+    mean_cosine: f64,
+    index: f64,
+}
+
+/// Nodes of a medium whose albedo is free, besides the one that checks them.
+const NODES: usize = 8;
+/// Albedo of such a medium where relight says nothing.
+const FREE_ALBEDO: f64 = 0.95;
+
+/// Reads extinction, albedo, mean cosine and index.
+pub(super) fn parse_translucent(argument: &str) -> std::result::Result<Translucent, String> {
+    let expected = "give the extinction per world unit, and perhaps albedo (0 to 1, or free), mean cosine (-1 to 1) and index of \
+        refraction (1 to 10), such as 0.1,0.95,0.5,1.4";
+    let parts: Vec<&str> = argument.split(',').map(str::trim).collect();
+    let number =
+        |i: usize, otherwise: f64| parts.get(i).map_or(Ok(otherwise), |t| t.parse::<f64>().map_err(|_| expected));
+    if parts.len() > 4 {
+        return Err(expected.into());
+    }
+    let extinction = number(0, 0.0)?;
+    let albedo = if parts.get(1) == Some(&"free") { None } else { Some(number(1, FREE_ALBEDO)?) };
+    let (mean_cosine, index) = (number(2, 0.0)?, number(3, 1.0)?);
+    let legal = extinction.is_finite()
+        && extinction >= 0.0
+        && albedo.is_none_or(|a| (0.0..=1.0).contains(&a))
+        && mean_cosine.abs() < 1.0
+        && (1.0..=10.0).contains(&index);
+    if legal { Ok(Translucent { extinction, albedo, mean_cosine, index }) } else { Err(expected.into()) }
+}
+
+/// What is put around and into a volume by options, unless it is switched off.
+pub(super) fn add_media(scene: Scene, transfer: &TransferArgs) -> Result<Scene> {
+    let effects = transfer.effects();
+    let scene = add_fog(scene, transfer.fog, &effects)?;
+    let Some(of) = transfer.translucent.filter(|_| effects.switched("media") != Some(false)) else {
+        return Ok(scene);
+    };
+    let phase = if of.mean_cosine == 0.0 { Phase::Isotropic } else { Phase::HenyeyGreenstein(of.mean_cosine) };
+    let medium = Medium::constant("body", of.extinction, of.albedo.unwrap_or(FREE_ALBEDO), phase)?;
+    let nodes = if of.albedo.is_none() { albedo_nodes(NODES) } else { Vec::new() };
+    scene.with_body(Body { medium, index: of.index, nodes }).map_err(|e| match e {
+        Error::Argument { given, expected, remedy, .. } => Error::argument("--translucent", given, expected, remedy),
+        other => other,
+    })
 }
 
 /// Puts fog around a volume, if there is any and it is not switched off.

@@ -4,7 +4,7 @@ use super::baking;
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::isovalue::tell;
-use super::options::{BakeArgs, EstimatorArg, add_fog, parse_time};
+use super::options::{BakeArgs, EstimatorArg, add_media, parse_time};
 use super::{Failure, Outcome, forecast, plan_table, text};
 use crate::bake::layout_of_scene;
 use crate::level::Pyramid;
@@ -53,7 +53,7 @@ impl Plan {
             Some(file) => file.open(&options, &transfer.effects())?,
             None => Scene::open_with(&self.input, &options, &transfer.effects())?,
         };
-        let mut scene = add_fog(scene, transfer.fog, &transfer.effects())?;
+        let mut scene = add_media(scene, transfer)?;
         let (mut plans, mut isovalues) = (Vec::new(), Vec::new());
         for member in 0..scene.members().len() {
             let (plan, chosen) = self.run_member(&mut scene, member, seed, console)?;

@@ -8,7 +8,7 @@ use super::input::VolumeArgs;
 use super::inputs::Inputs;
 use super::isovalue::{Isovalue, NamedIsovalue};
 use super::light::open_probe;
-use super::options::{Texture, TransferArgs, add_fog};
+use super::options::{Texture, TransferArgs, add_media};
 use super::output::check_file;
 use super::{Failure, Outcome, scene, text};
 use crate::error::Error;
@@ -127,7 +127,7 @@ impl View {
             Some(file) => file.open(&volume_options, &self.transfer.effects())?,
             None => Scene::open_with(&self.input, &volume_options, &self.transfer.effects())?,
         };
-        let mut scene = add_fog(scene, self.transfer.fog, &self.transfer.effects())?;
+        let mut scene = add_media(scene, &self.transfer)?;
         self.check_name(&scene)?;
         let isovalues = self.isovalues_of_scene()?;
         let cache = Cache::locate(self.cache.as_deref())?;

@@ -117,6 +117,12 @@ impl<'v, T: Sample> LevelField<'v, T> {
         }
     }
 
+    /// The same field with the other side as its solid: for rays inside the solid, which meet the level set from within.
+    /// Its normals point inward.
+    pub fn turned(&self) -> Self {
+        Self { sign: -self.sign, pyramid: self.pyramid.turned(), gradient_in_world: -self.gradient_in_world, ..*self }
+    }
+
     /// A ray's direction in grid space, of any length.
     #[inline(always)]
     pub fn direction_in_grid(&self, direction_in_world: Vec3) -> Vec3 {

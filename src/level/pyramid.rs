@@ -19,6 +19,8 @@ pub struct Pyramid {
     blocks: Level,
     // Made when the first ray is traced: most of the cost, and relighting traces none.
     ahead: OnceLock<Ahead>,
+    // That of the other side, for rays inside the solid.
+    turned: OnceLock<Box<Pyramid>>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -40,7 +42,7 @@ impl Pyramid {
     pub fn new(volume: &Volume) -> Self {
         let sign = volume.solid_sign();
         let blocks = with_samples!(volume.samples(), s => Self::scan(s, volume.dims(), sign));
-        Self { blocks, ahead: OnceLock::new() }
+        Self { blocks, ahead: OnceLock::new(), turned: OnceLock::new() }
     }
 
     fn scan<T: Sample>(samples: &[T], dims: [usize; 3], sign: f32) -> Level {
@@ -81,6 +83,16 @@ impl Pyramid {
     #[inline(always)]
     pub(super) fn blocks(&self) -> &Level {
         &self.blocks
+    }
+
+    /// Of the same samples with the other side as the solid; made when first asked for.
+    pub(super) fn turned(&self) -> &Self {
+        self.turned.get_or_init(|| {
+            let negative = |v: &[f32]| v.iter().map(|v| -v).collect();
+            let Level { dims, max, min } = &self.blocks;
+            let blocks = Level { dims: *dims, max: negative(min), min: negative(max) };
+            Box::new(Self { blocks, ahead: OnceLock::new(), turned: OnceLock::new() })
+        })
     }
 
     /// What lies ahead of rays.

@@ -82,15 +82,12 @@ impl Weights {
     pub(super) fn new(layers: &Layers, light: &Light, material: &Material) -> Self {
         let mut rows = vec![Vec4::ZERO; layers.coefficients()];
         let mut reached: Vec<usize> = Vec::with_capacity(layers.len());
-        let mut power = material.albedo.map(f64::from);
         for (k, &bands) in layers.bands().iter().enumerate() {
+            let power: [f64; 3] = std::array::from_fn(|c| material.factor(k, c));
             reached.push(bands.min(light.used_bands(k)));
             for i in 0..reached[k] * reached[k] {
                 let w: [f64; 3] = std::array::from_fn(|c| power[c] * light.coefficients(k)[i][c]);
                 rows[layers.offset(k) + i] = Vec4::new(w[0] as f32, w[1] as f32, w[2] as f32, 0.0);
-            }
-            for c in 0..3 {
-                power[c] *= f64::from(material.albedo[c]);
             }
         }
         let noise = NoiseWeights::new(layers, light, material, &mut rows, &mut reached);

@@ -39,6 +39,7 @@ pub use vertices::{TriangleIndex, TriangleOrder};
 pub use window::{LayerWindow, Prepared, prepare};
 
 use crate::error::{Error, Result};
+use crate::transfer::MAX_LAYERS;
 
 /// What one level set is made of, per colour channel (linear).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,6 +48,18 @@ pub struct Material {
     pub albedo: [f32; 3],
     /// Emitted radiance.
     pub emission: [f32; 3],
+    /// What the layers of its transfer are.
+    pub layers: LayerFactors,
+}
+
+/// What the layers of a transfer count for in radiance.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum LayerFactors {
+    /// Layer k is the light that the level set reflected k times: ρ^(k+1), with a tail beyond the last.
+    #[default]
+    Reflections,
+    /// These, in red, green and blue, of a solid that light passes through: its surface has no albedo, and there is no tail.
+    Given([[f32; 3]; MAX_LAYERS]),
 }
 
 impl Material {
@@ -71,7 +84,28 @@ impl Material {
                 "give radiance",
             ));
         }
-        Ok(Self { albedo, emission })
+        Ok(Self { albedo, emission, layers: LayerFactors::default() })
+    }
+
+    /// What layer k counts for in a channel.
+    pub(crate) fn factor(&self, k: usize, channel: usize) -> f64 {
+        match &self.layers {
+            LayerFactors::Reflections => (0..=k).fold(1.0, |power, _| power * f64::from(self.albedo[channel])),
+            LayerFactors::Given(factors) => f64::from(factors[k][channel]),
+        }
+    }
+
+    /// What layer k counts for in the noise: of nodes, which share their paths, the one that counts most stands for all.
+    pub(crate) fn noise_factor(&self, k: usize, channel: usize) -> f64 {
+        let LayerFactors::Given(factors) = &self.layers else { return self.factor(k, channel) };
+        let largest = (0..MAX_LAYERS).max_by(|&i, &j| factors[i][channel].abs().total_cmp(&factors[j][channel].abs()));
+        let sum: f32 = factors.iter().map(|f| f[channel]).sum();
+        if largest == Some(k) { f64::from(sum) } else { 0.0 }
+    }
+
+    /// Whether layers beyond the last are taken to go on as those before.
+    pub(crate) fn has_tail(&self) -> bool {
+        self.layers == LayerFactors::Reflections
     }
 
     /// Radiance of a surface that nothing hides from the light, as it is where no transfer is found.

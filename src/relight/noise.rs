@@ -65,7 +65,11 @@ pub(super) struct LayerNoise {
 }
 
 /// The weights of one contraction for the variance.
-pub(super) struct NoiseWeights(pub(super) Vec<LayerNoise>);
+pub(super) struct NoiseWeights {
+    pub(super) layers: Vec<LayerNoise>,
+    // Whether paths that end elsewhere bring what later layers do.
+    trades: bool,
+}
 
 impl NoiseWeights {
     /// Also writes the coefficients of G_k² into the fourth lane of `rows`, whose others hold ρ^(k+1) L, and the
@@ -78,10 +82,10 @@ impl NoiseWeights {
         reached: &mut [usize],
     ) -> Self {
         let mut noise = Vec::with_capacity(layers.len());
-        let mut power = material.albedo.map(f64::from);
         for (k, &bands) in layers.bands().iter().enumerate() {
             // The whole of what the layer sees of the light, not of the light: bands beyond it add nothing.
             let seen = bands.min(light.used_bands(k));
+            let power: [f64; 3] = std::array::from_fn(|c| material.noise_factor(k, c));
             let mut gain = Coefficients::zero(seen);
             for (to, from) in gain.values_mut().iter_mut().zip(light.coefficients(k)) {
                 *to = (0..3).map(|c| power[c] * from[c]).sum::<f64>() / 3.0;
@@ -100,11 +104,8 @@ impl NoiseWeights {
                 mean: gain.mean() as f32,
                 mean_square: (gain.energy() / (4.0 * std::f64::consts::PI)) as f32,
             });
-            for c in 0..3 {
-                power[c] *= f64::from(material.albedo[c]);
-            }
         }
-        Self(noise)
+        Self { layers: noise, trades: material.has_tail() }
     }
 
     /// Variance of the mean of the channels of each texel of a block, from the first coefficients of its layers, their
@@ -117,7 +118,7 @@ impl NoiseWeights {
         tail: &TailRadiance,
         stderr: &[Lanes],
     ) -> Lanes {
-        let last = self.0.len() - 1;
+        let last = self.layers.len() - 1;
         let mut continued = tail.beyond;
         for [red, green, blue, _] in &contracted[1..] {
             for j in 0..LANES {
@@ -129,13 +130,13 @@ impl NoiseWeights {
         for j in 0..LANES {
             let blocked = 1.0 - ROOT_FOUR_PI * first[0][j];
             let ratio = not_below_zero(continued[j] / blocked);
-            continuation[j] = if blocked > 1e-6 { ratio } else { 0.0 };
+            continuation[j] = if self.trades && blocked > 1e-6 { ratio } else { 0.0 };
             let within = mean(red[j], green[j], blue[j]);
             let gain = 1.0 + not_below_zero(tail.beyond[j] / within);
             tail_gain[j] = if within > 0.0 { gain } else { 1.0 };
         }
         let mut sum = [0.0; LANES];
-        for (k, layer) in self.0.iter().enumerate() {
+        for (k, layer) in self.layers.iter().enumerate() {
             let gain = if k == last { &tail_gain } else { &[1.0; LANES] };
             // K − 1 and K; with one layer there is no tail, and the slopes are 0.
             let ratio_slope = match (k + 2).checked_sub(last + 1) {

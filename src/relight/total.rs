@@ -178,7 +178,7 @@ fn truncation_at(
         for (direction, k) in codes.iter().filter_map(|&code| of_escape(code)).filter(|(_, k)| *k < layers.len()) {
             let (image, limited) = (seen(direction, k), limited(layers, light, direction, k));
             for c in 0..3 {
-                let power = (0..=k).fold(1.0, |power, _| power * f64::from(material.albedo[c]));
+                let power = material.factor(k, c);
                 sum[c] += power * (f64::from(image[c]) - limited[c]);
             }
         }
@@ -210,7 +210,7 @@ fn radiance_of(layers: &Layers, vector: &[f32], light: &Light, material: &Materi
         let transfer = &vector[layers.offset(k) + of_channel..][..square];
         transfer.iter().zip(light.coefficients(k)).map(|(&t, l)| f64::from(t) * l[c]).sum()
     };
-    let power = |k: usize, c: usize| (0..=k).fold(1.0, |power, _| power * f64::from(material.albedo[c]));
+    let power = |k: usize, c: usize| material.factor(k, c);
     let last = layers.len() - 1;
     let Some(scene) = scene else {
         let root_four_pi = 2.0 * std::f32::consts::PI.sqrt();
@@ -240,7 +240,9 @@ fn radiance_of(layers: &Layers, vector: &[f32], light: &Light, material: &Materi
         let sum: f64 = emitted + (0..layers.len()).map(of_layer).sum::<f64>();
         let Some(before) = last.checked_sub(1) else { return sum };
         let (before, met) = (group(0, before, c), group(0, last, c));
-        let again = f64::from(material.albedo[c]) * if before > 0.0 { (met / before).min(1.0) } else { 0.0 };
+        let again = f64::from(u8::from(material.has_tail()))
+            * f64::from(material.albedo[c])
+            * if before > 0.0 { (met / before).min(1.0) } else { 0.0 };
         sum + if again < 1.0 { of_layer(last) * again / (1.0 - again) } else { 0.0 }
     })
 }

@@ -59,7 +59,7 @@ pub(super) fn texel(weights: &Weights, transfer: &[f32], stderr: &[f16], layers:
     let continuation = if blocked > 1e-6 { (continued / blocked).max(0.0) } else { 0.0 };
     let tail_gain = if channels(last) > 0.0 { 1.0 + (beyond / channels(last)).max(0.0) } else { 1.0 };
     let mut variance = 0.0;
-    for (k, layer) in weights.noise.0.iter().enumerate() {
+    for (k, layer) in weights.noise.layers.iter().enumerate() {
         let gain = if k == last { tail_gain } else { 1.0 };
         let shift = if k + 2 > last { slope * slopes[k + 1 - last] } else { 0.0 };
         let traded = continuation - shift;

@@ -17,6 +17,11 @@
 //! # range = [40, 200]
 //! emission = 0.0                 # or r, g, b, or rows [isovalue, r, g, b]
 //!
+//! # kind = "translucent"         # then light passes through the solid; albedo, phase as of a [medium], and:
+//! # preset = "marble"            # milk, skin, bone, wax; or extinction, or mean_free_path = "0.4 mm"
+//! # albedo_nodes = 6             # in place of albedo: free at relight
+//! # index = 1.5                  # of refraction
+//!
 //! [bake]
 //! rays = 64
 //! layers = 4
@@ -122,6 +127,7 @@
 //! albedo = [0.3, 0.5, 1.0]       # a factor on that of the material, baked in
 //! ```
 
+mod body;
 mod material;
 mod media;
 mod model;
@@ -133,6 +139,7 @@ mod volumes;
 #[cfg(test)]
 mod tests;
 
+pub use body::BodyDescription;
 pub use material::Albedo;
 pub use media::{FieldDescription, MediumDescription};
 pub use model::{Files, ModelDescription, Size};
@@ -258,15 +265,17 @@ impl SceneDescription {
             Some(item) => item.one_or_more()?.iter().map(output).collect::<Result<_>>()?,
             None => Vec::new(),
         };
+        let body = all.get("material").map(|item| body::read(&item)).transpose()?.flatten();
         let (albedo, emission) = match all.get("material") {
-            Some(item) => material::read(&item)?,
-            None => (None, None),
+            Some(item) if body.is_none() => material::read(&item)?,
+            _ => (None, None),
         };
         let bake = all.get("bake").map(|item| settings::bake(&item)).transpose()?.unwrap_or_default();
         let probe = all.get("probe").map(|item| settings::probe(&item)).transpose()?;
         let camera = all.get("camera").map(|item| settings::camera(&item)).transpose()?.unwrap_or_default();
         let mut surroundings = surroundings::read(&all)?;
         surroundings.media = media::read(&all, &volumes)?;
+        surroundings.body = body;
         surroundings.check_names(&all)?;
         let file = file.to_string();
         Ok(Self {

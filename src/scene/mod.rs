@@ -20,9 +20,9 @@ pub use colormap::Colormap;
 pub use coupling::{Coupled, Coupling, IsovalueMap};
 #[doc(hidden)]
 pub use description::{
-    Albedo, BakeDescription, CameraDescription, FieldDescription, Files, Located, MOST_ISOVALUES, MediumDescription,
-    ModelDescription, ProbeDescription, ReadFile, SceneDescription, Size, Surroundings, TextureSize, VolumeDescription,
-    WallDescription, WallShape,
+    Albedo, BakeDescription, BodyDescription, CameraDescription, FieldDescription, Files, Located, MOST_ISOVALUES,
+    MediumDescription, ModelDescription, ProbeDescription, ReadFile, SceneDescription, Size, Surroundings, TextureSize,
+    VolumeDescription, WallDescription, WallShape,
 };
 pub use effects::{EFFECTS, EffectSwitch, Effects};
 #[doc(hidden)]
@@ -35,6 +35,6 @@ pub use model::{ModelName, describe, sample};
 #[doc(hidden)]
 pub use names::nearest;
 pub use open::{DARK, Scene, SceneFile, distant_light};
-pub use plan::{Effect, Plan};
 #[doc(hidden)]
-pub use plan::{MediumForecast, Pilot, PlanInput, Surrounded, plan};
+pub use plan::{BodyForecast, MediumForecast, Pilot, PlanInput, Surrounded, plan};
+pub use plan::{Effect, Plan};

@@ -1,7 +1,7 @@
 //! Scenes: volumes that stand in one world with what is around them, from a file, from a description, or made by hand.
 
 use super::geometry::{Among, DistantLight, Geometry, Partner, TriangleMesh};
-use super::medium::{Medium, MediumField};
+use super::medium::{Body, Medium, MediumField};
 use super::member::{AmongOthers, nearest_beside};
 use super::model::ModelName;
 use super::{
@@ -111,6 +111,23 @@ impl Scene {
         let media = geometry.media().iter().cloned().chain([medium]).collect();
         let geometry = geometry.with_media(media)?;
         member.geometry = (!geometry.is_empty()).then_some(geometry);
+        Ok(self)
+    }
+
+    /// The same with the solid of the volume translucent.
+    ///
+    /// # Errors
+    /// When there are several volumes, or the body makes no sense.
+    pub fn with_body(mut self, body: Body) -> Result<Self> {
+        let [member] = self.members.as_mut_slice() else {
+            let remedy = "leave the others out";
+            return Err(Error::argument("translucent", "several volumes", "one volume alone", remedy));
+        };
+        let geometry = match member.geometry.take() {
+            Some(geometry) => geometry,
+            None => Geometry::new(Vec::new(), Vec::new(), 1.0)?,
+        };
+        member.geometry = Some(geometry.with_body(body)?);
         Ok(self)
     }
 
@@ -247,6 +264,7 @@ impl SceneFile {
         }
         if effects.switched("media") == Some(false) {
             surroundings.media.clear();
+            surroundings.body = None;
         }
         if surroundings.is_empty() {
             return Ok(None);
@@ -299,6 +317,16 @@ impl SceneFile {
         };
         let (read, surface, environment) = (&mut read, &mut surface, &mut environment);
         let geometry = surroundings.assemble(&self.description, metres, read, surface, environment, &mut field)?;
+        let of_unit = match (volume.unit, self.description.surroundings.metres_per_unit) {
+            (_, Some(metres)) | (LengthUnit::Metres(metres), None) => Some(metres),
+            (LengthUnit::Unknown, None) => None,
+        };
+        let geometry = match &surroundings.body {
+            Some(body) => {
+                geometry.with_body(body.body(of_unit).map_err(|e| self.description.at_line(body.line, e))?)?
+            }
+            None => geometry,
+        };
         // Vacuum alone is nothing.
         Ok((!geometry.is_empty()).then_some(geometry))
     }

@@ -57,6 +57,8 @@ pub struct Surrounded {
     pub coupling: String,
     /// What lies between surfaces.
     pub media: Vec<MediumForecast>,
+    /// The solid, where light passes through it.
+    pub body: Option<BodyForecast>,
     /// Meetings of the trial's paths with media.
     pub collisions: u64,
     /// Rays that came into their boxes, besides those above.
@@ -74,6 +76,17 @@ pub struct MediumForecast {
     pub name: String,
     /// A bound of the optical depth of any free segment.
     pub depth_bound: f64,
+}
+
+/// A translucent solid of a plan.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct BodyForecast {
+    /// Its index of refraction.
+    pub index: f64,
+    /// A bound of the optical depth through it: the diagonal of the box times the largest extinction.
+    pub depth: f64,
+    /// Albedos at which transfer is stored; 0 where it is fixed.
+    pub nodes: usize,
 }
 
 /// What the plan is made from.
@@ -424,6 +437,20 @@ fn caustics(input: &PlanInput<'_>) -> Effect {
 fn media(input: &PlanInput<'_>, albedo: f64) -> Effect {
     if input.effects.switched("media") == Some(false) {
         return switched_off("media", "transmittance 1", "what absorbs and scatters between surfaces is left out");
+    }
+    if let Some((s, body)) = input.surroundings.and_then(|s| Some((s, s.body.as_ref()?))) {
+        let collisions = s.collisions as f64 / input.pilot.paths.max(1) as f64;
+        let nodes = match body.nodes {
+            0 => "the albedo of its medium is fixed".to_string(),
+            n => format!("the albedo of its medium is free at relight, by {} nodes and one that checks them", n - 1),
+        };
+        let reason = format!(
+            "light passes through the solid, index {}: optical depth up to {:.2}, {collisions:.2} collisions a path in the trial; {nodes}; \
+             what leaves is averaged over its directions, which of a half-space is 5 to 21 % more than straight on",
+            body.index, body.depth
+        );
+        let setting = "free flights by exact optical depth, Fresnel at the boundary; all orders of scattering";
+        return Effect { on: true, estimated: true, ..absent("media", setting, &reason) };
     }
     let Some(s) = input.surroundings.filter(|s| !s.media.is_empty()) else {
         return absent("media", "transmittance 1", "the scene has no medium that absorbs or scatters");

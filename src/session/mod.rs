@@ -41,6 +41,7 @@ mod scale_bar;
 mod surface;
 mod textures;
 mod tone;
+mod haze;
 mod walls;
 mod write;
 
@@ -57,7 +58,7 @@ pub use picture::{Background, Framing, PictureOptions, Still};
 pub use surface::{Part, Surface};
 pub use textures::LuminaireFactor;
 #[doc(hidden)]
-pub use textures::{Groups, check_factors, factor_of, radiance_of_bricks};
+pub use textures::{Groups, check_factors, factor_of, radiance_of_bricks, refuse_body, with_medium_albedo};
 pub use tone::Tone;
 pub use write::MeshOptions;
 #[doc(hidden)]

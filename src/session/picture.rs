@@ -1,6 +1,8 @@
 //! Pictures of lit surfaces: among walls and other surfaces, before a background, exposed and bent by a tone curve.
 
+use super::haze::Haze;
 use super::lit::check_baked;
+use super::textures::factor_of;
 use super::walls::{WallQuestion, Walls, in_view};
 use super::{Lit, LitTexels, Member, Part, Tone, scale_bar};
 use crate::error::{Error, Result};
@@ -143,7 +145,8 @@ impl<'a> Stage<'a> {
             return Err(Error::argument("scale bar", "a perspective view", "a parallel projection", remedy));
         }
         let camera = self.camera();
-        let picture = self.picture(&camera)?;
+        let mut picture = self.picture(&camera)?;
+        self.add_haze(&mut picture, &camera)?;
         let (part, member) = self.first();
         check_baked(member.store(), part.isosurface.isovalue(), &picture.report)?;
         let mut image = match options.background {
@@ -232,6 +235,24 @@ impl<'a> Stage<'a> {
             walls.as_ref().and_then(|walls| walls.seen(origin, direction, limit, pixel)).or(found)
         };
         Ok(render(&subject, &[], Some(&backdrop), camera, options))
+    }
+
+    /// Lays media over the picture.
+    fn add_haze(&self, picture: &mut Picture, camera: &Camera) -> Result<()> {
+        let texels = self.texels;
+        let Some(geometry) = texels.surface.session.geometry.filter(|g| !g.media().is_empty()) else { return Ok(()) };
+        let (part, member) = self.first();
+        let scales = geometry.luminaires().iter().map(|l| factor_of(&l.name, &texels.luminaires)).collect();
+        let haze = Haze {
+            volume: member.volume(),
+            pyramid: member.pyramid(),
+            geometry,
+            isovalue: part.isosurface.isovalue(),
+            material: &texels.material,
+            light: &texels.lighting.light,
+            scales,
+        };
+        haze.lay_over(picture, camera)
     }
 
     /// What a camera ray sees of another volume, and how far away.

@@ -6,7 +6,7 @@
 //! `_T<k>_<R|G|B>_SH_DEGREE_<l>_COEF_<n>`, and one number a layer and channel of the level set's own emission,
 //! `_G<k>_EMISSION_<R|G|B>`, and of each luminaire, `_LUMINAIRE_<i>_G<k>_<R|G|B>`.
 
-use super::textures::Groups;
+use super::textures::{Groups, refuse_body};
 use super::{Isosurface, LuminaireFactor};
 use crate::error::{Error, Result};
 use crate::export::gltf::Scalars;
@@ -24,6 +24,7 @@ pub(super) fn attributes<'a>(surfaces: impl Iterator<Item = (&'a Store, &'a Isos
     let mut all: Vec<Scalars> = Vec::new();
     for (store, isosurface) in surfaces {
         let mesh = isosurface.mesh();
+        refuse_body(store, "transfer")?;
         let groups = Groups::open(isosurface.transfer().unwrap_or(store), &[])?;
         let found = match isosurface.transfer() {
             Some(_) => transfer_at_vertices(&groups.textures()?, &mesh.normals),

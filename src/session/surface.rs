@@ -1,6 +1,6 @@
 //! Surfaces ready to be lit: isosurfaces of all volumes of a session, and the bricks that their lookups read.
 
-use super::textures::radiance_of_bricks;
+use super::textures::{radiance_of_bricks, settled};
 use super::{Isosurface, Lighting, Lit, LitOptions, LitTexels, LuminaireFactor, Session};
 use crate::error::Result;
 use crate::geom::Bounds;
@@ -134,7 +134,7 @@ impl<'s> Surface<'s> {
         Ok(LitTexels {
             surface: self,
             lighting,
-            material: *material,
+            material: settled(self.session.members()[0].store(), material),
             luminaires: luminaires.to_vec(),
             members,
             clamped,

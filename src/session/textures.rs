@@ -2,10 +2,11 @@
 
 use super::Lighting;
 use crate::error::{Error, Result};
-use crate::relight::{ClampReport, Contracted, LuminaireLight, Material, Textures, contract};
+use crate::relight::{ClampReport, Contracted, LayerFactors, LuminaireLight, Material, Textures, contract};
+use crate::scene::medium::node_factors;
 use crate::scene::nearest;
-use crate::transfer::store::Store;
-use crate::transfer::{Group, Layers};
+use crate::transfer::store::{BodyIdentity, Store};
+use crate::transfer::{Group, Layers, MAX_LAYERS};
 
 /// A factor on the power of a luminaire.
 #[derive(Clone, Debug, PartialEq)]
@@ -111,6 +112,65 @@ pub fn radiance_of_bricks(
     Ok((contracted, clamped))
 }
 
+/// The material as the layers of a store count: of a translucent solid those of its medium's albedo, that of the bake where none
+/// was chosen ([`with_medium_albedo`]).
+pub(super) fn settled(store: &Store, material: &Material) -> Material {
+    let body = store.identity().scene.as_ref().and_then(|scene| scene.body.as_ref());
+    match body.filter(|_| material.layers == LayerFactors::Reflections) {
+        Some(body) => Material { layers: factors_of(body, body.albedo), ..*material },
+        None => *material,
+    }
+}
+
+/// Factors of the layers of a translucent solid at an albedo of its medium.
+fn factors_of(body: &BodyIdentity, albedo: [f32; 3]) -> LayerFactors {
+    let mut factors = [[0.0f32; 3]; MAX_LAYERS];
+    if body.nodes.is_empty() {
+        factors[0] = [1.0; 3];
+        return LayerFactors::Given(factors);
+    }
+    for c in 0..3 {
+        let of_channel = node_factors(&body.nodes, f64::from(albedo[c]));
+        factors.iter_mut().zip(of_channel).for_each(|(all, factor)| all[c] = factor as f32);
+    }
+    LayerFactors::Given(factors)
+}
+
+/// The same surface of a translucent solid with another albedo of its medium, in [0, 1].
+///
+/// # Errors
+/// When light does not pass through the solid of the store, its albedo was fixed by the bake, or the albedo is not in [0, 1].
+pub fn with_medium_albedo(store: &Store, material: &Material, albedo: [f32; 3]) -> Result<Material> {
+    let refuse =
+        |found: &str, expected: &str, remedy: &str| Err(Error::argument("medium albedo", found, expected, remedy));
+    let Some(body) = store.identity().scene.as_ref().and_then(|scene| scene.body.as_ref()) else {
+        return refuse("a store whose solid is opaque", "a translucent one", "bake it with --translucent SIGMA,free");
+    };
+    if body.nodes.is_empty() {
+        return refuse(
+            "a store whose medium has a fixed albedo",
+            "one with nodes",
+            "bake it with --translucent SIGMA,free",
+        );
+    }
+    if !albedo.iter().all(|a| (0.0..=1.0).contains(a)) {
+        return refuse(&format!("{albedo:?}"), "numbers from 0 to 1", "1 scatters all of the light");
+    }
+    Ok(Material { layers: factors_of(body, albedo), ..*material })
+}
+
+/// Refuses a translucent solid where its layers are taken for reflections.
+///
+/// # Errors
+/// When light passes through the solid of the store.
+pub fn refuse_body(store: &Store, what: &str) -> Result<()> {
+    if store.identity().scene.as_ref().is_none_or(|scene| scene.body.is_none()) {
+        return Ok(());
+    }
+    let found = "a translucent solid, whose layers are no reflections";
+    Err(Error::argument(what, found, "an opaque one", "write .glb, .ply or .png of it with relight"))
+}
+
 fn contracted(
     store: &Store,
     bricks: &[[usize; 3]],
@@ -126,5 +186,5 @@ fn contracted(
         let remedy = "leave it out: the layers hold what the walls of a scene send of that lamp, too, and it cannot be taken out";
         return Err(Error::argument("sun split", "a scene with walls or luminaires", expected, remedy));
     }
-    contract(&Groups::open(store, factors)?.textures()?, bricks, light, material)
+    contract(&Groups::open(store, factors)?.textures()?, bricks, light, &settled(store, material))
 }

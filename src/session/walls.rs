@@ -53,7 +53,7 @@ pub(super) struct Walls<'a> {
 }
 
 /// The band-limited environment that the transfer sees, too.
-struct Environment<'a>(&'a Light);
+pub(super) struct Environment<'a>(pub(super) &'a Light);
 
 impl DirectionalSource for Environment<'_> {
     fn sample(&self, _: [f32; 2]) -> Option<DirectionSample> {

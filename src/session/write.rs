@@ -128,6 +128,14 @@ impl Lit<'_> {
                 "rms_over_mean": self.rms_over_mean(), "median_relative": finite(self.relative_error().median),
             },
         });
+        if let Some(scene) = &identity.scene
+            && let Some(body) = &scene.body
+        {
+            record["translucent"] = json!({ "index": body.index, "albedo_nodes": body.nodes });
+        }
+        if surface.session.geometry.is_some_and(|geometry| !geometry.media().is_empty()) {
+            record["media"] = json!("radiance at the surface: the media between it and an eye are in pictures alone");
+        }
         if let Some(total) = self.total {
             record["total_error"] = total_json(&total);
         }

@@ -6,7 +6,7 @@
 //! none of that is [`super::geometric()`].
 
 use super::REPLICATES;
-use super::scene_path::{SceneCounts, SceneReference, Tracer, World};
+use super::scene_path::{SceneCounts, SceneReference, Tracer, World, refuse_body};
 use crate::error::Result;
 use crate::geom::Normal;
 use crate::level::{LevelField, Pyramid, Start};
@@ -67,6 +67,7 @@ pub fn direct(
 ) -> Result<(Vec<Vec<Radiance>>, SceneCounts)> {
     settings.check()?;
     volume.check_cells()?;
+    refuse_body(geometry)?;
     let nothing = Geometry::new(Vec::new(), Vec::new(), 1.0)?;
     let each: Vec<(Vec<Radiance>, SceneCounts)> = with_samples!(volume.samples(), s => {
         let field = LevelField::new(volume, s, pyramid);

@@ -43,8 +43,8 @@ pub use photon::{
 };
 pub use replay::{On, PathEnd, ReplayedPath, ReplayedTexel, replay, replay_paths, replay_texel};
 pub use scene_path::{
-    Arrival, LevelSite, MOST_SPECULAR, MOST_TURNS, SceneCounts, SceneReference, SpecularLight, needs_photons,
-    scene_radiance, site_radiance,
+    Airlight, Arrival, LevelSite, MOST_SPECULAR, MOST_TURNS, SceneCounts, SceneReference, SpecularLight, airlight,
+    needs_photons, scene_radiance, site_radiance,
 };
 pub use summary::{ErrorHistogram, Summary};
 

@@ -229,6 +229,11 @@ fn affine(volume: &Volume) -> [f64; 12] {
 
 /// Refuses textures of other surroundings than those named.
 fn check_surroundings(subject: &Subject<'_>) -> Result<()> {
+    if subject.surrounded.is_some_and(|s| s.identity.body.is_some()) {
+        let found = "a translucent solid, whose layers are no reflections";
+        let remedy = "write .glb, .ply or .png of it with relight";
+        return Err(Error::argument("view", found, "an opaque one", remedy));
+    }
     let luminaires = |count: usize| format!("a scene of {count} luminaires");
     let alone = || "a volume alone".to_string();
     let named = subject.surrounded.map(|s| s.identity.luminaires.len());

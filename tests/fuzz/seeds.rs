@@ -524,5 +524,17 @@ pub fn scene() -> Vec<Seed> {
     let pair = "coupling = [[47, 0.6], [60, 0.8]]\nisovalues = 50\n[[volumes]]\nname = \"a\"\nvolume = \"bumpbox:8\"\n\
         [[volumes]]\nname = \"b\"\nvolume = \"gyroid:8\"\nsolid = \"below\"\nscale = 0.3\nrotate = [1, 2, 3, 40]\n\
         translate = [0.35, 0.08, 0.35]\nalbedo = [0.3, 0.5, 1.0]\n";
-    vec![("bare.toml", bare.into()), ("room.toml", room.into()), ("pair.toml", pair.into())]
+    let fog = "volume = \"torus:12\"\nmetres_per_unit = 0.01\n[[medium]]\nname = \"a\"\nextinction = [[-1, 0.0], [1, 2, 3, 4]]\n\
+        albedo = [0.9, 0.8, 0.7]\nphase = { mix = [[0.5, { hg = 0.5 }], [0.25, { schlick = -0.2 }], [0.25, { table = [[-1, 1], [1, 2]] }]] }\n\
+        emission = 0.5\nmin = [-1, -1, -1]\nmax = [1, 1, 1]\n[[medium]]\nextinction = 0.5\nphase = \"rayleigh\"\ncentre = [0, 0, 0]\n\
+        radius = 2\n";
+    let wax = "volume = \"torus:12\"\nmetres_per_unit = 0.01\n[material]\nkind = \"translucent\"\nmean_free_path = \"2.5 mm\"\n\
+        albedo_nodes = 6\nindex = 1.4\nphase = { hg = 0.3 }\n";
+    vec![
+        ("bare.toml", bare.into()),
+        ("room.toml", room.into()),
+        ("pair.toml", pair.into()),
+        ("fog.toml", fog.into()),
+        ("wax.toml", wax.into()),
+    ]
 }

@@ -14,7 +14,18 @@ const SMALL: &str = "--rays 4 --texture 0.25 --size 40x30 --cache cache";
 #[test]
 fn the_examples_run() {
     let bench = Bench::new();
-    for (name, files) in [("bumps", 2), ("brain", 2), ("core", 2), ("box", 4), ("glass", 1), ("pair", 1)] {
+    let all = [
+        ("bumps", 2),
+        ("brain", 2),
+        ("core", 2),
+        ("box", 4),
+        ("glass", 1),
+        ("pair", 1),
+        ("fog", 1),
+        ("candle", 2),
+        ("smoke", 1),
+    ];
+    for (name, files) in all {
         let lit = bench.json(&format!("relight {} {SMALL}", example(&format!("{name}.toml"))));
         let written = lit["files"].as_array().expect("files");
         assert_eq!(written.len(), files, "{name}: {lit}");
@@ -346,5 +357,83 @@ fn an_environment_is_baked_as_a_luminaire() {
     ] {
         let said = bench.refuses(line);
         assert!(said.contains(word), "{line}: {said}");
+    }
+}
+
+/// Media by options and by a scene are one, `-media` leaves today's result of a volume alone, and mistakes are named.
+#[test]
+fn media_by_options_and_scenes() {
+    let bench = Bench::new();
+    bench.write(
+        "fog.toml",
+        "volume = \"torus:16\"\nisovalues = [0.3]\n[medium]\nname = \"fog\"\nextinction = 0.5\nalbedo = 0.9\nphase = { hg = 0.5 }\n",
+    );
+    let small = "--rays 16 --layers 2 --bands 3";
+    let by_scene = bench.json(&format!("bake fog.toml {small} -o scene.isolume"));
+    let by_option = bench.json(&format!("bake torus:16 --isovalues 0.3 --fog 0.5,0.9,0.5 {small} -o option.isolume"));
+    assert_eq!(by_scene["identity"], by_option["identity"]);
+    let alone = bench.json(&format!("bake torus:16 --isovalues 0.3 {small} -o alone.isolume"));
+    let without = bench.json(&format!("bake fog.toml {small} --effects=-media -o without.isolume"));
+    assert_eq!(alone["identity"], without["identity"]);
+    assert_ne!(alone["identity"], by_scene["identity"]);
+    let vacuum = bench.json(&format!("bake torus:16 --isovalues 0.3 --fog 0 {small} -o vacuum.isolume"));
+    assert_eq!(alone["identity"], vacuum["identity"]);
+    // A bake in shares is the bake in one go.
+    for share in ["1/2", "2/2"] {
+        bench.run(&format!(
+            "bake torus:16 --isovalues 0.3 --fog 0.5,0.9,0.5 {small} --chunks {share} --threads 1 -o shares.isolume"
+        ));
+    }
+    let radiance_of = |store: &str| {
+        bench.run(&format!("relight {store} --isovalue 0.3 --env sky --radiance -o {store}.ply"));
+        radiance(&bench.bytes(&format!("{store}.ply")))
+    };
+    assert_eq!(radiance_of("shares.isolume"), radiance_of("option.isolume"));
+    // Nodes: the albedo of the medium is chosen at relight, and only there.
+    bench.run(&format!("bake torus:16 --isovalues 0.3 --translucent 2,free,0.2,1.3 {small} -o wax.isolume"));
+    let mean = |albedo: &str| {
+        bench.run(&format!(
+            "relight wax.isolume --isovalue 0.3 --medium-albedo {albedo} --env constant:1 --radiance -o wax.ply"
+        ));
+        let all = radiance(&bench.bytes("wax.ply"));
+        all.iter().map(|v| f64::from(v[0])).sum::<f64>() / all.len() as f64
+    };
+    let [dark, bright] = ["0.2", "1"].map(mean);
+    assert!(dark < 0.6 && (bright - 1.0).abs() < 0.02, "{dark} {bright}");
+    let refused = |line: &str| {
+        let (code, _, text) = bench.outcome(line);
+        assert!(code != 0, "{line}");
+        text
+    };
+    for (arguments, words) in [
+        ("bake torus:16 --fog 0.5,1.5 -o x.isolume", &["--fog", "albedo"][..]),
+        ("bake torus:16 --translucent 1,0.9,2 -o x.isolume", &["--translucent", "mean cosine"]),
+        ("relight option.isolume --isovalue 0.3 --medium-albedo 0.5 --env sky -o x.glb", &["medium albedo", "opaque"]),
+        ("relight wax.isolume --isovalue 0.3 --transfer --env sky -o x.glb", &["translucent"]),
+        ("compare wax.isolume --isovalue 0.3 --env sky", &["--scene"]),
+    ] {
+        let text = refused(arguments);
+        assert!(words.iter().all(|word| text.contains(word)), "{arguments}: {text}");
+    }
+    for (text, line, words) in [
+        ("[medium]\nalbedo = 0.5\n", 2, &["extinction"][..]),
+        ("[medium]\nextinction = -1\n", 3, &["not negative"]),
+        ("[medium]\nextinction = 1\nalbedo = 1.5\n", 4, &["0 to 1"]),
+        ("[medium]\nextinction = 1\nphase = { hg = 1 }\n", 4, &["-1 and 1"]),
+        ("[medium]\nextinction = 1\nphase = { gh = 1 }\n", 4, &["gh", "did you mean hg"]),
+        ("[medium]\nextinction = 1\nwhere = \"inside\"\n", 4, &["outside"]),
+        ("[medium]\nextinction = 1\nmin = [0, 0, 0]\n", 2, &["min and max"]),
+        ("[medium]\nextinction = [[1, 2], [0, 3]]\n", 3, &["ascending"]),
+        ("[medium]\nextinction = [[0, 0], [1, 1]]\nfield = \"none.nii\"\n", 2, &["none.nii"]),
+        ("[material]\nkind = \"translucent\"\n", 2, &["preset", "mean_free_path"]),
+        ("[material]\nkind = \"translucent\"\npreset = \"marbel\"\n", 4, &["did you mean marble"]),
+        ("[material]\nkind = \"translucent\"\npreset = \"skin\"\n", 2, &["metres_per_unit"]),
+        ("[material]\nkind = \"translucent\"\nmean_free_path = \"4 furlongs\"\n", 4, &["0.4 mm"]),
+        ("[material]\nkind = \"translucent\"\nextinction = 1\nindex = 0.5\n", 5, &["1 to 10"]),
+    ] {
+        bench.write("bad.toml", format!("volume = \"torus:16\"\n{text}"));
+        let said = refused("bake bad.toml -o x.isolume");
+        let place = format!("bad.toml:{line}");
+        assert!(said.contains(&place) && words.iter().all(|word| said.contains(word)), "{text}: {said}");
     }
 }

@@ -9,7 +9,7 @@ use crate::level::Counts;
 use crate::probe::Probe;
 use crate::relight::{LookupReport, Material, SurfaceError, TotalError};
 use crate::scene::{EmissionRule, MaterialRule};
-use crate::session::{Lit, LitTexels, Session, Surface};
+use crate::session::{Lit, LitTexels, Session, Surface, with_medium_albedo};
 use crate::transfer::store::{Holdings, Store};
 use std::time::{Duration, Instant};
 
@@ -72,7 +72,10 @@ impl Context<'_> {
         let isovalue = surface.parts()[0].isosurface().isovalue();
         let in_scene = self.session.members()[0].store().identity().scene.is_some();
         let lighting = self.session.light(probe, &c.light_options(in_scene)).map_err(by_option)?;
-        let material = Material::new(self.rule.albedo(isovalue), self.emission.at(isovalue))?;
+        let mut material = Material::new(self.rule.albedo(isovalue), self.emission.at(isovalue))?;
+        if let Some(albedo) = c.material.medium_albedo {
+            material = with_medium_albedo(self.session.members()[0].store(), &material, albedo.0)?;
+        }
         let mut times = Times::default();
         let start = Instant::now();
         let texels = surface.contract(&lighting, &material, &c.light.luminaires).map_err(by_option)?;

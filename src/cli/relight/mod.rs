@@ -225,7 +225,7 @@ impl Relight {
             Some(file) => file.open(&options, &self.transfer.effects())?,
             None => Scene::open_with(&self.input, &options, &self.transfer.effects())?,
         };
-        let mut scene = options::add_fog(scene, self.transfer.fog, &self.transfer.effects())?;
+        let mut scene = options::add_media(scene, &self.transfer)?;
         if scene.members().len() > 1 {
             return self.light_scene(scene, &probes, seed, start, console);
         }

@@ -16,7 +16,7 @@ pub(super) struct Kernel<'a> {
     reds: Vec<(usize, usize)>,
     // Coefficients and standard errors of a texel of the environment.
     lengths: [usize; 2],
-    // ρ^(k+1) of each layer and channel.
+    // What each layer counts for in each channel: ρ^(k+1), unless the material says otherwise.
     powers: Vec<[f64; 3]>,
     // Of the mean of the channels.
     weights: Weights,
@@ -70,12 +70,7 @@ impl<'a> Kernel<'a> {
         material: &Material,
     ) -> Self {
         let layers = &environment.layout().layers;
-        let mut power = [1.0; 3];
-        let powers = (0..layers.len()).map(|_| {
-            (0..3).for_each(|c| power[c] *= f64::from(material.albedo[c]));
-            power
-        });
-        let powers = powers.collect();
+        let powers = (0..layers.len()).map(|k| std::array::from_fn(|c| material.factor(k, c))).collect();
         let reds = layers.bands().iter().enumerate().map(|(k, b)| (layers.offset(k), b * b)).collect();
         let lengths = [layers.coefficients(), layers.errors()];
         Self { environment, surroundings, reds, lengths, powers, weights, material: *material }
@@ -197,7 +192,8 @@ impl<'a> Kernel<'a> {
 
     /// ρ r of each channel: of what the last layer brings, the share that one further layer does. 0 for a single layer.
     fn again(&self, views: &Views<'_>, t: usize) -> [f64; 3] {
-        let Some(before) = self.reds.len().checked_sub(2) else { return [0.0; 3] };
+        let before = self.reds.len().checked_sub(2).filter(|_| self.material.has_tail());
+        let Some(before) = before else { return [0.0; 3] };
         std::array::from_fn(|c| {
             let [before, last] = [before, before + 1].map(|k| views.at(&views.emission, t, k, c));
             let ratio = if before > 0.0 { (last / before).min(1.0) } else { 0.0 };

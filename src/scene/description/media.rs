@@ -57,7 +57,7 @@ impl MediumDescription {
 const KEYS: [&str; 12] =
     ["name", "where", "field", "volume", "extinction", "albedo", "phase", "emission", "min", "max", "centre", "radius"];
 /// Largest extinction and radiance.
-const MOST: f64 = 1e30;
+pub(super) const MOST: f64 = 1e30;
 const PHASES: [&str; 6] = ["isotropic", "hg", "schlick", "rayleigh", "table", "mix"];
 
 pub(super) fn read(all: &Section<'_>, volumes: &[VolumeDescription]) -> Result<Vec<MediumDescription>> {
@@ -159,7 +159,7 @@ fn region(section: &Section<'_>, of: &Item<'_>) -> Result<MediumRegion> {
 }
 
 /// One number, three, or rows of a value with one or three.
-fn table(item: &Item<'_>, most: f64, expected: &str) -> Result<Table> {
+pub(super) fn table(item: &Item<'_>, most: f64, expected: &str) -> Result<Table> {
     let rows = item.list().filter(|rows| rows.first().is_some_and(|row| row.list().is_some()));
     let Some(rows) = rows else {
         return Table::new(vec![(
@@ -182,7 +182,7 @@ fn table(item: &Item<'_>, most: f64, expected: &str) -> Result<Table> {
     Table::new(rows).map_err(|e| at_item(item, e))
 }
 
-fn phase_of(item: &Item<'_>) -> Result<Phase> {
+pub(super) fn phase_of(item: &Item<'_>) -> Result<Phase> {
     let example = "write phase = { hg = 0.6 }";
     if let Some(word) = item.as_text() {
         return match word {

@@ -1,5 +1,6 @@
 //! The sections `[[walls]]`, `[[objects]]` (another word for the same) and `[[luminaires]]`.
 
+use super::body::BodyDescription;
 use super::media::{FieldDescription, MediumDescription};
 use super::read::{Item, Section};
 use super::{Located, SceneDescription};
@@ -21,6 +22,8 @@ pub struct Surroundings {
     pub environments: Vec<EnvironmentDescription>,
     /// What lies between surfaces.
     pub media: Vec<MediumDescription>,
+    /// What fills the solid, where light passes through it.
+    pub body: Option<BodyDescription>,
     /// Metres of a world unit, where the scene says so.
     pub metres_per_unit: Option<f64>,
 }
@@ -84,7 +87,8 @@ pub type ReadFile<'a> = dyn FnMut(&str, Option<(&str, u64)>) -> Result<Vec<u8>> 
 impl Surroundings {
     /// Whether there is nothing.
     pub fn is_empty(&self) -> bool {
-        self.walls.is_empty() && self.luminaires.is_empty() && self.environments.is_empty() && self.media.is_empty()
+        let nothing_stands = self.walls.is_empty() && self.luminaires.is_empty() && self.environments.is_empty();
+        nothing_stands && self.media.is_empty() && self.body.is_none()
     }
 
     /// Whether something sends out light.

@@ -29,7 +29,7 @@ pub use primitive::Shape;
 
 use crate::error::{Error, Result};
 use crate::geom::Bounds;
-use crate::scene::medium::{MOST_MEDIA, Medium};
+use crate::scene::medium::{Body, MOST_MEDIA, Medium};
 use glam::DVec3;
 use hierarchy::Hierarchy;
 use light::Emitter;
@@ -111,6 +111,7 @@ pub struct Geometry {
     among: Option<Among>,
     partners: Vec<Partner>,
     media: Vec<Medium>,
+    body: Option<Body>,
 }
 
 /// Most primitives that are simply tried in turn.
@@ -196,12 +197,18 @@ impl Geometry {
             among,
             partners,
             media,
+            body: None,
         })
     }
 
     /// Whether there is nothing at all: a volume alone.
     pub fn is_empty(&self) -> bool {
-        self.primitives.is_empty() && self.luminaires.is_empty() && self.partners.is_empty() && self.media.is_empty()
+        self.is_vacuum() && self.media.is_empty() && self.body.is_none()
+    }
+
+    /// Whether there are neither surfaces nor luminaires.
+    fn is_vacuum(&self) -> bool {
+        self.primitives.is_empty() && self.luminaires.is_empty() && self.partners.is_empty()
     }
 
     /// The same with media between all surfaces; those that are vacuum everywhere are left out. A medium that shines needs a
@@ -238,7 +245,7 @@ impl Geometry {
     /// The fingerprint of surfaces and media.
     fn name_all(&mut self) {
         self.fingerprint = self.of_surfaces.clone();
-        if self.media.is_empty() {
+        if self.media.is_empty() && self.body.is_none() {
             return;
         }
         let mut hasher = blake3::Hasher::new();
@@ -246,7 +253,31 @@ impl Geometry {
         for medium in &self.media {
             hasher.update(medium.identity().as_bytes());
         }
+        if let Some(body) = &self.body {
+            hasher.update(body.identity().as_bytes());
+        }
         self.fingerprint = hasher.finalize().to_hex().to_string();
+    }
+
+    /// The same with the solid of the lit volume translucent.
+    ///
+    /// # Errors
+    /// When the body makes no sense ([`Body::check`]), or other volumes stand beside.
+    pub fn with_body(mut self, body: Body) -> Result<Self> {
+        body.check()?;
+        if !self.partners.is_empty() {
+            let expected = "one volume alone";
+            let remedy = "leave the other volumes out, or make them walls: shape = \"isosurface\"";
+            return Err(Error::argument("translucent", "a scene of several volumes", expected, remedy));
+        }
+        self.body = Some(body);
+        self.name_all();
+        Ok(self)
+    }
+
+    /// What fills the solid of the lit volume, where that is translucent.
+    pub fn body(&self) -> Option<&Body> {
+        self.body.as_ref()
     }
 
     /// What lies between surfaces.

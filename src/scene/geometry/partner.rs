@@ -58,6 +58,10 @@ impl Geometry {
                 remedy: "leave some out".into(),
             });
         }
+        if self.body.is_some() && !partners.is_empty() {
+            let remedy = "leave the other volumes out, or make them walls: shape = \"isosurface\"";
+            return Err(Error::argument("translucent", "a scene of several volumes", "one volume alone", remedy));
+        }
         partners.iter().try_for_each(|p| p.volume.check_cells())?;
         partners.sort_by(|a, b| a.name.cmp(&b.name));
         let names: Vec<&str> = partners.iter().map(|p| p.name.as_str()).chain([&*among.name]).collect();

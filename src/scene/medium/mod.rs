@@ -53,6 +53,94 @@ pub enum MediumField {
     },
 }
 
+/// A translucent solid: a medium within {h > c} behind a smooth boundary.
+#[derive(Clone, Debug)]
+pub struct Body {
+    /// What fills it; a table over the values of the lit volume, or constant.
+    pub medium: Medium,
+    /// Index of refraction against 1 outside, 1 to 10; 1 has no boundary.
+    pub index: f64,
+    /// Albedos at which transfer is stored, so that the medium's stays free for relighting ([`albedo_nodes`]); empty where it is
+    /// fixed.
+    pub nodes: Vec<f64>,
+}
+
+impl Body {
+    /// Whether it makes sense.
+    ///
+    /// # Errors
+    /// When the medium does not, it shines, its tables are over another volume, the index is below 1, or nodes are not in [0, 1].
+    pub fn check(&self) -> Result<()> {
+        self.medium.check()?;
+        let refuse = |found: String, expected: &str, remedy: &str| {
+            Err(Error::argument("the translucent solid", found, expected, remedy))
+        };
+        if !(1.0..=10.0).contains(&self.index) {
+            return refuse(
+                format!("index {}", self.index),
+                "an index of refraction from 1 to 10",
+                "skin and milk have 1.3, marble 1.5",
+            );
+        }
+        if self.medium.emission != [0.0; 3] {
+            return refuse("a medium that shines".into(), "one that does not", "give the surface an emission instead");
+        }
+        if matches!(self.medium.field, MediumField::Other { .. }) || self.medium.region != MediumRegion::Box {
+            return refuse(
+                "a medium of another volume or region".into(),
+                "that of the solid",
+                "leave `field` and the region out",
+            );
+        }
+        if self.nodes.len() > MOST_NODES || !self.nodes.iter().all(|a| (0.0..=1.0).contains(a)) {
+            return refuse(format!("{} nodes", self.nodes.len()), "up to 15 albedos from 0 to 1", "6 to 12 are enough");
+        }
+        Ok(())
+    }
+
+    /// Layers of its transfer: one a node, or one.
+    pub fn layers(&self) -> usize {
+        self.nodes.len().max(1)
+    }
+
+    pub(super) fn identity(&self) -> String {
+        format!("body {} {:?} {:?}", self.medium.identity(), self.index, self.nodes)
+    }
+}
+
+/// Most nodes: layers of a transfer, one less for none.
+const MOST_NODES: usize = 15;
+
+/// Albedos at which transfer is stored so that radiance at any other is interpolated in s = √(1 − a), in which it is smooth
+/// (the sum over orders has hundreds of terms): s_q = (1 − cos(πq/(Q−1)))/2, and behind them one more in the middle of the widest
+/// gap, by which the interpolation is checked.
+pub fn albedo_nodes(count: usize) -> Vec<f64> {
+    let count = count.clamp(2, MOST_NODES - 1);
+    let node = |q: usize| 0.5 * (1.0 - libm::cos(std::f64::consts::PI * q as f64 / (count - 1) as f64));
+    let s: Vec<f64> = (0..count).map(node).collect();
+    let widest = (1..count).max_by(|&i, &j| (s[i] - s[i - 1]).total_cmp(&(s[j] - s[j - 1])));
+    let check = widest.map_or(0.5, |i| 0.5 * (s[i] + s[i - 1]));
+    s.into_iter().chain([check]).map(|s| 1.0 - s * s).collect()
+}
+
+/// Factors of the layers of [`albedo_nodes`] at an albedo: barycentric interpolation in √(1 − a) with the weights (−1)^q, halved
+/// at both ends; 0 of the node that checks it.
+pub fn node_factors(nodes: &[f64], albedo: f64) -> Vec<f64> {
+    let Some((_, nodes)) = nodes.split_last() else { return Vec::new() };
+    let at = |a: f64| (1.0 - a).max(0.0).sqrt();
+    let s = at(albedo);
+    if let Some(exact) = nodes.iter().position(|&a| at(a) == s) {
+        return (0..=nodes.len()).map(|q| f64::from(u8::from(q == exact))).collect();
+    }
+    let weight = |q: usize| {
+        let end = if q == 0 || q + 1 == nodes.len() { 0.5 } else { 1.0 };
+        let sign = if q % 2 == 0 { 1.0 } else { -1.0 };
+        sign * end / (s - at(nodes[q]))
+    };
+    let sum: f64 = (0..nodes.len()).map(weight).sum();
+    (0..nodes.len()).map(|q| weight(q) / sum).chain([0.0]).collect()
+}
+
 /// A medium outside the solid.
 #[derive(Clone, Debug)]
 pub struct Medium {

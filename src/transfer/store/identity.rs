@@ -61,6 +61,22 @@ pub struct SceneIdentity {
     /// The volumes beside this one whose level sets light it; none where it stands alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coupling: Option<CouplingIdentity>,
+    /// The solid of the volume, where light passes through it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub body: Option<BodyIdentity>,
+}
+
+/// A translucent solid: what the layers of its transfer are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BodyIdentity {
+    /// Its index of refraction.
+    pub index: f64,
+    /// The medium's albedo of each layer; of a single layer that of the bake, which is not listed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub nodes: Vec<f64>,
+    /// The medium's albedo where none is chosen.
+    pub albedo: [f32; 3],
 }
 
 impl Identity {

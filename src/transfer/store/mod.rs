@@ -76,7 +76,7 @@ pub use diagnose::{Diagnosis, diagnose};
 pub use estimator::{EstimatorIdentity, Shadows, Surroundings};
 pub use extent::{Baked, ChunkExtent, ErrorTarget};
 pub use holdings::Holdings;
-pub use identity::{FORMAT_VERSION, Identity, OLDEST_FORMAT_VERSION, SceneIdentity};
+pub use identity::{BodyIdentity, FORMAT_VERSION, Identity, OLDEST_FORMAT_VERSION, SceneIdentity};
 pub use joint::{CouplingIdentity, PartnerIdentity};
 pub use lock::StoreLock;
 pub use merge::MergeReport;

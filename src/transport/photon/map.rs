@@ -153,7 +153,9 @@ const ISOVALUE: u32 = 2;
 
 /// Photons fly through vacuum alone.
 fn refuse_media(geometry: Option<&Geometry>) -> Result<()> {
-    let Some(medium) = geometry.and_then(|geometry| geometry.media().first()) else { return Ok(()) };
+    let of_body = geometry.and_then(|geometry| geometry.body()).map(|body| &body.medium);
+    let medium = geometry.and_then(|geometry| geometry.media().first()).or(of_body);
+    let Some(medium) = medium else { return Ok(()) };
     let remedy = "judge it by paths (--against path), or leave the media out: --effects -media";
     Err(Error::argument("photons", format!("the medium {}", medium.name), "a scene without media", remedy))
 }

@@ -101,7 +101,9 @@ impl<'a, T: Sample> Among<'a, T> {
                 sum / paths * self.factors[g]
             };
             // A path adds one direction to the environment, and none to the others.
-            let paths = if g == 0 { self.paths(found, points) } else { Paths::unknown() };
+            // Nodes of a body share all directions.
+            let is_known = g == 0 && self.world.body.is_none();
+            let paths = if is_known { self.paths(found, points) } else { Paths::unknown() };
             combine(layers, &paths, value, out);
             (out.lost, out.trapped, out.rays) = (found.lost, found.trapped, (points * REPLICATES) as u32);
             if g == 0 && (1..REPLICATES).all(|r| same_first(layers, &value, r)) {

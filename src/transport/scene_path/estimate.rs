@@ -25,6 +25,7 @@ use super::super::REPLICATES;
 use super::super::path::Settings;
 use super::super::replay::{On, PathEnd, ReplayedPath};
 use super::super::sums::clamped_cosine;
+use super::body::Arrival;
 use super::glass;
 use super::images::Images;
 use super::media::Collision;
@@ -101,14 +102,14 @@ impl Found {
         }
     }
 
-    fn turned(&mut self, on: On, in_world: DVec3) {
+    pub(super) fn turned(&mut self, on: On, in_world: DVec3) {
         if let Some((grid_from_world, path)) = self.last() {
             path.vertices_in_grid.push(grid_from_world.point(in_world).as_vec3().to_array());
             path.on.push(on);
         }
     }
 
-    fn ended(&mut self, end: PathEnd) {
+    pub(super) fn ended(&mut self, end: PathEnd) {
         if let Some((_, path)) = self.last() {
             path.ended = end;
         }
@@ -123,18 +124,23 @@ struct Turn {
 }
 
 /// One path on its way.
-struct Path<'a, 'w, T> {
-    world: &'a World<'w, T>,
+pub(super) struct Path<'a, 'w, T> {
+    pub(super) world: &'a World<'w, T>,
     settings: &'a Settings,
     caustics: bool,
-    isovalues: &'a [f32],
-    sampler: &'a PathSampler,
+    pub(super) isovalues: &'a [f32],
+    pub(super) sampler: &'a PathSampler,
     replicate: usize,
-    index: u32,
+    pub(super) index: u32,
     layer: usize,
-    weight: [f64; 3],
+    pub(super) weight: [f64; 3],
     walls: u32,
-    in_media: InMedia,
+    pub(super) in_media: InMedia,
+    pub(super) in_body: InMedia,
+    // Collisions within the body, where its albedo is free.
+    pub(super) orders: i32,
+    // Steps within the body so far: which random numbers are next.
+    pub(super) steps: u32,
 }
 
 /// Traces the paths `range` of every replicate from a site, and adds them to what was found.
@@ -150,7 +156,11 @@ pub(super) fn trace<T: Sample>(
     level: &mut Counts,
     counts: &mut SceneCounts,
 ) {
-    let turn = Turn { origin: world.on_level(0, site.start), scatter: Scatter::Surface(site.normal) };
+    let scatter = match world.body {
+        Some(_) => Scatter::Body(site.normal),
+        None => Scatter::Surface(site.normal),
+    };
+    let turn = Turn { origin: world.on_level(0, site.start), scatter };
     let tint = world.tint(0).map(f64::from);
     for replicate in 0..REPLICATES {
         let sampler = PathSampler::new(settings.seed, item, replicate as u32);
@@ -167,6 +177,9 @@ pub(super) fn trace<T: Sample>(
                 weight: tint,
                 walls: 0,
                 in_media: InMedia::new(&world.media, &sampler, index),
+                in_body: InMedia::of_body(world.body.as_ref().map(|body| &body.media), &sampler, index),
+                orders: 0,
+                steps: 0,
             };
             found.began(replicate, index, turn.origin.in_world);
             path.run(turn, found, level, counts);
@@ -205,20 +218,36 @@ impl<T: Sample> Path<'_, '_, T> {
     /// Adds to a layer of a group: 0 for emission, 1 + l for luminaire l.
     fn add(&self, found: &mut Found, group: usize, value: [f64; 3], factor: f64) {
         let layers = self.settings.layers.len();
-        let first = 3 * ((group * REPLICATES + self.replicate) * layers + self.layer);
+        let first = 3 * (group * REPLICATES + self.replicate) * layers;
         let weight = self.carried();
-        for c in 0..3 {
-            found.groups[first + c] += weight[c] * value[c] * factor;
+        self.each_layer(|layer, share| {
+            for c in 0..3 {
+                found.groups[first + 3 * layer + c] += weight[c] * value[c] * factor * share;
+            }
+        });
+    }
+
+    /// The layers that what the path finds belongs to: that of its reflections, or, of a body whose albedo is free, all nodes, each
+    /// with the albedo of its node to the number of collisions.
+    fn each_layer(&self, mut add: impl FnMut(usize, f64)) {
+        match self.world.body.as_ref().map(|body| body.nodes()) {
+            Some(nodes) if !nodes.is_empty() => {
+                nodes.iter().enumerate().for_each(|(q, albedo)| add(q, albedo.powi(self.orders)));
+            }
+            _ => add(self.layer, 1.0),
         }
     }
 
     /// What the path is worth in each channel.
-    fn carried(&self) -> [f64; 3] {
-        let factors = self.in_media.factors();
-        std::array::from_fn(|c| self.weight[c] * factors[c])
+    pub(super) fn carried(&self) -> [f64; 3] {
+        let (factors, within) = (self.in_media.factors(), self.in_body.factors());
+        std::array::from_fn(|c| self.weight[c] * factors[c] * within[c])
     }
 
     fn sample_luminaires(&self, at: &Turn, turn: u32, found: &mut Found, level: &mut Counts, counts: &mut SceneCounts) {
+        if matches!(at.scatter, Scatter::Body(_)) {
+            return;
+        }
         for l in 0..self.world.geometry.luminaires().len() {
             if self.caustics {
                 let images = Images { world: self.world, isovalues: self.isovalues, from: at.origin, luminaire: l };
@@ -262,6 +291,12 @@ impl<T: Sample> Path<'_, '_, T> {
         // Density of the direction, while the path has met nothing specular since.
         let mut density = Some(by_turn);
         let mut origin = at.origin;
+        if let (Scatter::Body(normal), Place::Level(_, start)) = (at.scatter, at.origin.place) {
+            // It leaves along the direction: against the light it comes from there.
+            let arrival = Arrival { start, normal: normal.vec().as_dvec3(), direction: -direction };
+            (origin, direction) = self.at_body(arrival, found, level, counts)?;
+            density = None;
+        }
         for in_a_row in 0..specular_chain::MOST {
             found.aimed(direction);
             let met = self.world.meet(self.isovalues, &origin, direction, level, counts);
@@ -282,6 +317,12 @@ impl<T: Sample> Path<'_, '_, T> {
                     found.ended(PathEnd::Escaped);
                     return None;
                 }
+                // The cut through a translucent solid is open.
+                Met::Cut(distance) if self.world.body.is_some() => {
+                    let point = origin.in_world + distance * direction;
+                    (origin, direction) = self.within_body(point, None, direction, found, level, counts)?;
+                    density = None;
+                }
                 Met::Cut(_) => {
                     counts.cut += 1;
                     found.ended(PathEnd::Cut);
@@ -298,6 +339,10 @@ impl<T: Sample> Path<'_, '_, T> {
                 }
                 Met::Lost => {
                     found.lost += 1;
+                    if self.world.body.is_some() {
+                        found.ended(PathEnd::Lost);
+                        return None;
+                    }
                     let Place::Level(set, _) = origin.place else {
                         counts.cut += 1;
                         found.ended(PathEnd::Cut);
@@ -305,6 +350,17 @@ impl<T: Sample> Path<'_, '_, T> {
                     };
                     found.turned(On::LevelSet(set), origin.in_world);
                     return self.on_level_again(set, found).then_some(*at);
+                }
+                Met::Level(0, cell) if self.world.body.is_some() => {
+                    let Some(normal) = self.world.normal(0, &cell) else {
+                        found.lost += 1;
+                        found.ended(PathEnd::Lost);
+                        return None;
+                    };
+                    found.turned(On::LevelSet(0), self.world.placement.in_world(&cell));
+                    let arrival = Arrival { start: Start::on(cell), normal: normal.vec().as_dvec3(), direction };
+                    (origin, direction) = self.at_body(arrival, found, level, counts)?;
+                    density = None;
                 }
                 Met::Level(set, cell) => return self.at_level(set, cell, found),
                 Met::Wall(hit) => {
@@ -405,13 +461,15 @@ impl<T: Sample> Path<'_, '_, T> {
 
     /// Adds the path's weight times `values` to its layer of `sums`.
     fn add_vector(&self, values: &[f32], sums: &mut [f64]) {
-        let layers = &self.settings.layers;
-        let first = self.replicate * layers.coefficients() + layers.offset(self.layer);
-        for (sums, weight) in sums[first..].chunks_exact_mut(values.len()).zip(self.carried()) {
-            for (sum, y) in sums.iter_mut().zip(values) {
-                *sum += weight * f64::from(*y);
+        let (layers, carried) = (&self.settings.layers, self.carried());
+        self.each_layer(|layer, share| {
+            let first = self.replicate * layers.coefficients() + layers.offset(layer);
+            for (sums, weight) in sums[first..].chunks_exact_mut(values.len()).zip(carried) {
+                for (sum, y) in sums.iter_mut().zip(values) {
+                    *sum += weight * share * f64::from(*y);
+                }
             }
-        }
+        });
     }
 
     fn mean_weight(&self) -> f64 {

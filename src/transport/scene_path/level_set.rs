@@ -50,6 +50,11 @@ impl Placement {
         self.world_from_grid.point(in_grid.clamp(DVec3::splat(INSIDE), self.last - INSIDE))
     }
 
+    /// A point of the grid in world.
+    pub(super) fn in_world(&self, at: &CellPoint) -> DVec3 {
+        self.world_from_grid.point(at.cell.as_dvec3() + at.local.as_dvec3())
+    }
+
     /// A point and a direction of the world in grid space.
     pub(super) fn in_grid(&self, point: DVec3, direction: DVec3) -> (DVec3, DVec3) {
         (self.grid_from_world.point(point), self.grid_from_world.vector(direction))

@@ -82,9 +82,9 @@ pub(super) struct Flown {
 }
 
 impl<'a> Media<'a> {
-    pub(super) fn new(volume: &'a Volume, pyramid: &'a Pyramid, geometry: &'a Geometry) -> Self {
+    pub(super) fn new(media: &'a [Medium], volume: &'a Volume, pyramid: &'a Pyramid, geometry: &'a Geometry) -> Self {
         let each: Vec<InWorld<'a>> =
-            geometry.media().iter().map(|medium| InWorld::new(medium, volume, pyramid, geometry)).collect();
+            media.iter().map(|medium| InWorld::new(medium, volume, pyramid, geometry)).collect();
         let grey = each.iter().all(|m| m.medium.is_grey());
         Self { each, grey }
     }

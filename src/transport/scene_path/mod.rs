@@ -7,7 +7,9 @@
 //! themselves, if noisily, and points and parallel light by their images in flat mirrors (`images`). Through glass and in
 //! curved mirrors these cannot be found so; photons bring it ([`SpecularLight`]). See [`needs_photons`].
 
+mod airlight;
 mod among;
+mod body;
 mod estimate;
 pub(super) mod glass;
 mod images;
@@ -19,11 +21,12 @@ mod sites;
 pub(super) mod specular_chain;
 mod world;
 
+pub use airlight::{Airlight, airlight};
 pub(super) use among::Among;
 pub use among::{Arrival, SpecularLight};
 pub use estimate::MOST_TURNS;
-pub(super) use reference::Tracer;
 pub use reference::{SceneReference, scene_radiance};
+pub(super) use reference::{Tracer, refuse_body};
 pub use sites::{LevelSite, site_radiance};
 pub use specular_chain::MOST as MOST_SPECULAR;
 pub use world::SceneCounts;

@@ -61,6 +61,18 @@ impl SceneReference {
     }
 }
 
+/// Refuses what only the estimator of the bake goes through.
+///
+/// # Errors
+/// When the solid of the volume is translucent.
+pub(in super::super) fn refuse_body(geometry: Option<&Geometry>) -> Result<()> {
+    if geometry.is_none_or(|geometry| geometry.body().is_none()) {
+        return Ok(());
+    }
+    let remedy = "compare bakes of two numbers of rays: their stated errors tell";
+    Err(Error::argument("reference", "a translucent solid", "an opaque one", remedy))
+}
+
 /// Turns after which roulette begins.
 const SURE_TURNS: u32 = 4;
 /// A path of albedo 1 in a closed room would never end: after this many turns it is cut.
@@ -84,6 +96,9 @@ pub fn scene_radiance(
 ) -> Result<(Vec<Option<Radiance>>, SceneCounts)> {
     settings.check()?;
     volume.check_cells()?;
+    if !rays.is_empty() {
+        refuse_body(Some(geometry))?;
+    }
     let raw = volume.raw_from_value(isovalue) as f32;
     let each: Vec<(Option<Radiance>, SceneCounts)> = with_samples!(volume.samples(), s => {
         let field = LevelField::new(volume, s, pyramid);
@@ -114,6 +129,17 @@ pub(in super::super) struct Tracer<'a, T> {
 /// Where a path turns: its place, and how it goes on from there.
 type Turn = (Origin, Scatter);
 
+/// How paths begin.
+#[derive(Clone, Copy)]
+enum Begins {
+    /// Along the ray.
+    Anywhere,
+    /// As if this were the first thing met.
+    At(Turn),
+    /// Along the ray, and they count where a medium is the first thing met.
+    InMedium,
+}
+
 /// Sums of what paths bring.
 #[derive(Clone)]
 struct Brought {
@@ -130,7 +156,7 @@ fn add(sum: &mut [f64; 3], weight: &[f64; 3], light: [f64; 3], factor: f64) {
 impl<T: Sample> Tracer<'_, T> {
     fn along(&self, origin: DVec3, direction: DVec3, item: u64, counts: &mut SceneCounts) -> Option<Radiance> {
         let origin = self.first_origin(origin, direction, counts)?;
-        self.mean(origin, direction, None, item, counts).first().copied()
+        self.mean(origin, direction, Begins::Anywhere, item, counts).first().copied()
     }
 
     /// Radiance that leaves a point of the level set, towards anywhere: it is diffuse. One entry an environment, one
@@ -143,15 +169,21 @@ impl<T: Sample> Tracer<'_, T> {
         counts: &mut SceneCounts,
     ) -> Vec<Radiance> {
         let origin = self.world.on_level(0, Start::on(at));
-        self.mean(origin, DVec3::Z, Some((origin, Scatter::Surface(normal))), item, counts)
+        self.mean(origin, DVec3::Z, Begins::At((origin, Scatter::Surface(normal))), item, counts)
     }
 
-    /// Over the paths of all replicates, under each environment; they start as if the first thing met were `first`.
+    /// Radiance that media scatter and send into a ray before it meets anything else.
+    pub(super) fn scattered(&self, origin: Origin, direction: DVec3, item: u64, counts: &mut SceneCounts) -> Radiance {
+        let begins = Begins::InMedium;
+        self.mean(origin, direction, begins, item, counts).first().copied().unwrap_or_default()
+    }
+
+    /// Over the paths of all replicates, under each environment.
     fn mean(
         &self,
         origin: Origin,
         direction: DVec3,
-        first: Option<Turn>,
+        begins: Begins,
         item: u64,
         counts: &mut SceneCounts,
     ) -> Vec<Radiance> {
@@ -160,7 +192,7 @@ impl<T: Sample> Tracer<'_, T> {
         let mut sums: [Brought; REPLICATES] = std::array::from_fn(|_| blank.clone());
         for (replicate, sum) in sums.iter_mut().enumerate() {
             let sampler = PathSampler::new(self.settings.seed, item, replicate as u32);
-            (0..each).for_each(|path| self.path(origin, direction, first, &sampler, path, sum, counts));
+            (0..each).for_each(|path| self.path(origin, direction, begins, &sampler, path, sum, counts));
         }
         let under = |environment: usize| {
             let of = |sum: &Brought| -> [f64; 3] {
@@ -202,7 +234,7 @@ impl<T: Sample> Tracer<'_, T> {
         &self,
         mut origin: Origin,
         mut direction: DVec3,
-        mut first: Option<Turn>,
+        begins: Begins,
         sampler: &PathSampler,
         path: u32,
         found: &mut Brought,
@@ -221,6 +253,7 @@ impl<T: Sample> Tracer<'_, T> {
         let (mut turn, mut specular) = (0, 0);
         let chance = |turn, specular| f64::from(sampler.pair(path, specular_chain::pair(turn, specular))[0]);
         let mut at = None;
+        let mut first = if let Begins::At(turn) = begins { Some(turn) } else { None };
         let media = &self.world.media;
         let mut in_media = InMedia::new(media, sampler, path);
         let carried = |weight: &[f64; 3], in_media: &InMedia| -> [f64; 3] {
@@ -239,6 +272,7 @@ impl<T: Sample> Tracer<'_, T> {
                         in_media.fly(media, ray, (sampler, path), (turn, specular), counts)
                     };
                     match collision {
+                        None if turn == 0 && matches!(begins, Begins::InMedium) => return,
                         None => Ok(met),
                         Some(collision) => {
                             let weight = carried(&weight, &in_media);

@@ -23,6 +23,8 @@ const CHANNEL: u32 = (1 << 24) - 1;
 pub(super) enum Scatter {
     /// Diffusely about a normal.
     Surface(Normal),
+    /// Out of a translucent solid, about the normal of its boundary.
+    Body(Normal),
     /// In a medium, from the direction in which it flew.
     Medium { onward: DVec3, medium: usize },
 }
@@ -31,7 +33,7 @@ impl Scatter {
     /// The next direction from two variates, and its density per steradian.
     pub(super) fn sample(&self, media: &Media<'_>, u: [f32; 2]) -> (DVec3, f64) {
         match *self {
-            Self::Surface(normal) => {
+            Self::Surface(normal) | Self::Body(normal) => {
                 let local = warp::square_to_cosine_hemisphere(u);
                 let direction = Frame::around(normal).from_local(local).as_dvec3().normalize_or(DVec3::Z);
                 (direction, self.density(media, direction))
@@ -51,7 +53,7 @@ impl Scatter {
     /// Density per steradian of going on in a direction: what light from there is worth, of an albedo of 1.
     pub(super) fn density(&self, media: &Media<'_>, direction: DVec3) -> f64 {
         match *self {
-            Self::Surface(normal) => direction.dot(normal.vec().as_dvec3()).max(0.0) / PI,
+            Self::Surface(normal) | Self::Body(normal) => direction.dot(normal.vec().as_dvec3()).max(0.0) / PI,
             Self::Medium { onward, medium } => media.phase(medium).density(onward.dot(direction).clamp(-1.0, 1.0)),
         }
     }
@@ -80,6 +82,11 @@ impl InMedia {
         Self { channel: channel.min(2), odds: [1.0; 3], collisions: 0 }
     }
 
+    /// A path that has not entered the translucent solid, if there is one.
+    pub(super) fn of_body(media: Option<&Media<'_>>, sampler: &PathSampler, index: u32) -> Self {
+        media.map_or(Self { channel: 0, odds: [1.0; 3], collisions: 0 }, |media| Self::new(media, sampler, index))
+    }
+
     /// Factor on the weight of each channel.
     pub(super) fn factors(&self) -> [f64; 3] {
         let mean = (self.odds[0] + self.odds[1] + self.odds[2]) / 3.0;
@@ -97,7 +104,18 @@ impl InMedia {
     ) -> Option<Collision> {
         let first = FIRST_FLIGHT + (turn * specular_chain::MOST + in_a_row) * MOST_MEDIA as u32;
         let variate = |m: usize| f64::from(sampler.pair(index, first + m as u32)[0]);
-        let flown = media.fly(origin, direction, distance, self.channel, &variate, counts);
+        self.fly_by(media, (origin, direction, distance), &variate, counts)
+    }
+
+    /// The same by variates, one a medium.
+    pub(super) fn fly_by(
+        &mut self,
+        media: &Media<'_>,
+        (origin, direction, distance): (DVec3, DVec3, f64),
+        variate: &dyn Fn(usize) -> f64,
+        counts: &mut super::SceneCounts,
+    ) -> Option<Collision> {
+        let flown = media.fly(origin, direction, distance, self.channel, variate, counts);
         if !media.is_grey() {
             // Only ratios count: the least depth goes out, and the largest of the products.
             let least = flown.depth.into_iter().fold(f64::INFINITY, f64::min);

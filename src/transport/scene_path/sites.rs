@@ -45,6 +45,7 @@ pub fn site_radiance(
     sites.iter().try_for_each(|site| of_site(site).check())?;
     settings.check()?;
     volume.check_cells()?;
+    super::refuse_body(Some(geometry))?;
     let each: Vec<(Option<Radiance>, SceneCounts)> = with_samples!(volume.samples(), s => {
         let field = LevelField::new(volume, s, pyramid);
         let world = &World::new(volume, &field, geometry);

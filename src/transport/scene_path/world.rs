@@ -9,6 +9,7 @@
 //! Where volumes have partners a ray carries an isovalue for each of them, and the nearest of their level sets counts. A point
 //! of one that lies in the solid of another is *buried*: no light reaches it.
 
+use super::body::Inside;
 use super::images;
 use super::level_set::{Along, On, PartnerSet, Placement, Standing};
 use super::media::Media;
@@ -83,6 +84,8 @@ pub struct SceneCounts {
     pub medium_cells: u64,
     /// Meetings of paths with media.
     pub collisions: u64,
+    /// Times that paths entered the translucent solid.
+    pub entries: u64,
     /// Paths that were cut at the most turns; what light they had ahead of them is missing.
     pub lost_turns: u64,
 }
@@ -110,6 +113,7 @@ impl std::ops::AddAssign for SceneCounts {
         self.medium_rays += other.medium_rays;
         self.medium_cells += other.medium_cells;
         self.collisions += other.collisions;
+        self.entries += other.entries;
         self.lost_turns += other.lost_turns;
     }
 }
@@ -122,12 +126,14 @@ pub(in super::super) struct World<'a, T> {
     pub(in super::super) field: &'a LevelField<'a, T>,
     pub(in super::super) geometry: &'a Geometry,
     volume: &'a Volume,
-    placement: Placement,
+    pub(super) placement: Placement,
     partners: Vec<Box<dyn PartnerSet + 'a>>,
     /// Those in which images of luminaires are looked for.
     pub(super) mirrors: Vec<FlatMirror>,
     /// What lies between surfaces.
     pub(super) media: Media<'a>,
+    /// The solid of the volume, where it is translucent.
+    pub(super) body: Option<Inside<'a, T>>,
 }
 
 impl<'a, T: Sample> World<'a, T> {
@@ -147,7 +153,8 @@ impl<'a, T: Sample> World<'a, T> {
             placement: Placement::new(volume),
             partners,
             mirrors: images::mirrors(geometry),
-            media: Media::new(volume, field.pyramid(), geometry),
+            media: Media::new(geometry.media(), volume, field.pyramid(), geometry),
+            body: geometry.body().map(|body| Inside::new(body, volume, field, geometry)),
         }
     }
 
