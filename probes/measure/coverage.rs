@@ -92,7 +92,7 @@ fn lights(subject: &SceneSubject, scene: &str) -> isolume::Result<Vec<(String, (
 
 fn scenes(texels: usize, reference: u32) -> isolume::Result<()> {
     println!("scene,light,rays,texels,bands,covered,covered_uncorrelated,true_over_stated,true_over_uncorrelated");
-    for scene in ["box", "room", "pair"] {
+    for scene in ["box", "room", "pair", "fog", "wax"] {
         let subject = SceneSubject::new(scene, texels)?;
         let (names, lights): (Vec<_>, Vec<_>) = lights(&subject, scene)?.into_iter().unzip();
         let truth = subject.measure(reference, 1_000_001, &lights)?;

@@ -9,6 +9,7 @@ use isolume::level::Pyramid;
 use isolume::probe::{self, Orientation};
 use isolume::relight::{Light, LuminaireLight, Material, Textures, contract};
 use isolume::scene::geometry::{Among, Geometry, Partner};
+use isolume::scene::medium::{Body, Medium, Phase};
 use isolume::scene::{Coupled, Coupling, IsovalueMap, SceneDescription};
 use isolume::transfer::{BRICK, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, texels_of_isosurface};
 use isolume::transport::{Bake, Progress, Settings, bake};
@@ -37,7 +38,7 @@ fn analytic(name: &str) -> Result<Volume> {
 impl SceneSubject {
     /// At most about `count` texels of isosurface 47 of the bump box: in the closed `box` of examples/scenes under its
     /// lamp; in the `room` of its glass.toml, without the glass, open to the sky and under a lamp; or in the `pair`,
-    /// below the gyroid, open to the sky.
+    /// below the gyroid, open to the sky; in `fog`; or of translucent `wax`.
     pub fn new(name: &str, count: usize) -> Result<Self> {
         let (volume, geometry) = match name {
             "pair" => {
@@ -48,6 +49,15 @@ impl SceneSubject {
                 );
                 let geometry = beside(&bumps, gyroid)?;
                 (bumps, geometry)
+            }
+            "fog" => {
+                let fog = Medium::constant("fog", 2.0, 0.8, Phase::HenyeyGreenstein(0.5))?;
+                (analytic("bumpbox:33")?, Geometry::new(Vec::new(), Vec::new(), 1.0)?.with_media(vec![fog])?)
+            }
+            "wax" => {
+                let medium = Medium::constant("wax", 12.0, 0.9, Phase::Isotropic)?;
+                let body = Body { medium, index: 1.3, nodes: Vec::new() };
+                (analytic("bumpbox:33")?, Geometry::new(Vec::new(), Vec::new(), 1.0)?.with_body(body)?)
             }
             _ => {
                 let file = if name == "box" { "box.toml" } else { "glass.toml" };

@@ -14,8 +14,8 @@ use glam::DVec3;
 const STEP: usize = 4;
 /// Paths of a ray.
 const PATHS: u32 = 64;
-/// Difference of depth, over the size of the scene, at which a neighbour counts half.
-const SAME_DEPTH: f64 = 0.01;
+/// Rays to each side that are averaged, by a Gaussian as wide as the distance between two.
+const REACH: i64 = 2;
 
 /// What haze depends on.
 pub(super) struct Haze<'a> {
@@ -56,10 +56,9 @@ impl Haze<'_> {
             ..SceneReference::new(PATHS, material.albedo, 0)
         };
         let coarse = if geometry.body().is_none() { found(&coarse, Some(&settings))? } else { found(&coarse, None)? };
-        let size = volume.world_bounds().size().length();
         for (i, (pixel, own)) in picture.pixels.iter_mut().zip(&sharp).enumerate() {
             let (x, y) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-            let scattered = between(&coarse, columns, [x / STEP as f64, y / STEP as f64], own.distance, size);
+            let scattered = between(&coarse, columns, [x / STEP as f64, y / STEP as f64], own.transmittance);
             let mean = own.transmittance.iter().sum::<f32>() / 3.0;
             for c in 0..3 {
                 pixel[c] = pixel[c] * own.transmittance[c] + scattered[c];
@@ -70,25 +69,26 @@ impl Haze<'_> {
     }
 }
 
-/// Scattered light between four rays, of which those count that go as far.
-fn between(coarse: &[Airlight], columns: usize, place: [f64; 2], distance: f64, size: f64) -> [f32; 3] {
-    let base = place.map(|p| p as usize);
-    let (mut sum, mut weights) = ([0.0f64; 3], 0.0);
-    for corner in 0..4 {
-        let pick = [corner & 1, corner >> 1];
-        let bilinear = |a: usize| {
-            let t = place[a] - base[a] as f64;
-            if pick[a] == 1 { t } else { 1.0 - t }
-        };
-        let Some(found) = coarse.get(base[0] + pick[0] + columns * (base[1] + pick[1])) else { continue };
-        let apart = match (found.distance.is_finite(), distance.is_finite()) {
-            (true, true) => (found.distance - distance).abs() / (SAME_DEPTH * size),
-            (false, false) => 0.0,
-            _ => 1.0 / SAME_DEPTH,
-        };
-        let weight = (bilinear(0) * bilinear(1)).max(1e-6) / (1.0 + apart * apart);
-        (0..3).for_each(|c| sum[c] += weight * f64::from(found.scattered[c]));
-        weights += weight;
+/// Light scattered into a ray of this transmittance. What is interpolated is the light over the share of the ray that a medium
+/// takes, 1 − e^(−τ): it changes slowly where depth does not.
+fn between(coarse: &[Airlight], columns: usize, place: [f64; 2], transmittance: [f32; 3]) -> [f32; 3] {
+    let nearest = place.map(|p| p.round() as i64);
+    let (mut light, mut taken) = ([0.0f64; 3], [0.0f64; 3]);
+    for (y, x) in (-REACH..=REACH).flat_map(|y| (-REACH..=REACH).map(move |x| (y, x))) {
+        let [column, row] = [nearest[0] + x, nearest[1] + y];
+        if column < 0 || row < 0 || column >= columns as i64 {
+            continue;
+        }
+        let Some(found) = coarse.get(column as usize + columns * row as usize) else { continue };
+        let apart = (column as f64 - place[0]).powi(2) + (row as f64 - place[1]).powi(2);
+        let weight = libm::exp(-0.5 * apart);
+        for c in 0..3 {
+            light[c] += weight * f64::from(found.scattered[c]);
+            taken[c] += weight * f64::from(1.0 - found.transmittance[c]);
+        }
     }
-    sum.map(|v| (v / weights) as f32)
+    std::array::from_fn(|c| {
+        let share = f64::from(1.0 - transmittance[c]);
+        if taken[c] > 0.0 { (share * light[c] / taken[c]) as f32 } else { 0.0 }
+    })
 }

@@ -79,8 +79,14 @@ fn intervals_cover_what_they_promise() {
 /// has heavier tails than Student's t, measured are 92 % and more.
 #[test]
 fn intervals_cover_in_scenes() {
-    let cases =
-        [("box", None, 1.0), ("room", None, 1.0), ("room", Some("gradient"), 0.0), ("pair", Some("gradient"), 0.0)];
+    let cases = [
+        ("box", None, 1.0),
+        ("room", None, 1.0),
+        ("room", Some("gradient"), 0.0),
+        ("pair", Some("gradient"), 0.0),
+        ("fog", Some("gradient"), 0.0),
+        ("wax", Some("gradient"), 0.0),
+    ];
     let limit = sidak(0.01, cases.len());
     for (scene, sky, power) in cases {
         let subject = SceneSubject::new(scene, 250).unwrap();

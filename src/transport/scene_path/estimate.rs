@@ -240,8 +240,7 @@ impl<T: Sample> Path<'_, '_, T> {
 
     /// What the path is worth in each channel.
     pub(super) fn carried(&self) -> [f64; 3] {
-        let (factors, within) = (self.in_media.factors(), self.in_body.factors());
-        std::array::from_fn(|c| self.weight[c] * factors[c] * within[c])
+        self.in_body.carried(self.in_media.carried(self.weight))
     }
 
     fn sample_luminaires(&self, at: &Turn, turn: u32, found: &mut Found, level: &mut Counts, counts: &mut SceneCounts) {

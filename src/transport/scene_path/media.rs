@@ -196,26 +196,24 @@ impl<'a> InWorld<'a> {
         }
     }
 
-    /// Hands over the stretches of a ray up to a distance, until it is told `false`.
+    /// The part of a ray within the region, up to a distance.
+    fn part(&self, origin: DVec3, direction: DVec3, distance: f64, counts: &mut SceneCounts) -> Option<(f64, f64)> {
+        let (enter, leave) = self.region.span(origin, direction)?;
+        let (from, to) = (enter.max(0.0), leave.min(distance));
+        let is_any = to > from && to.is_finite();
+        counts.medium_rays += u64::from(is_any);
+        is_any.then_some((from, to))
+    }
+
+    /// Hands over the stretches of a ray within a field, until it is told `false`.
     fn each_stretch(
         &self,
-        origin: DVec3,
-        direction: DVec3,
-        distance: f64,
+        field: &Field<'_>,
+        (origin, direction): (DVec3, DVec3),
+        (from, to): (f64, f64),
         counts: &mut SceneCounts,
         visit: &mut dyn FnMut(&Stretch) -> bool,
     ) {
-        let Some((enter, leave)) = self.region.span(origin, direction) else { return };
-        let (from, to) = (enter.max(0.0), leave.min(distance));
-        if !(to > from && to.is_finite()) {
-            return;
-        }
-        counts.medium_rays += 1;
-        let Some(field) = &self.field else {
-            let extinction = self.constant.map(|v| [v; 4]);
-            visit(&Stretch { from, length: to - from, raw: [0.0; 4], extinction });
-            return;
-        };
         let is_empty = |block: usize| field.is_empty[block];
         field.walk.walk(origin, direction, [from, to], &is_empty, &mut |cubic, start, end| {
             counts.medium_cells += 1;
@@ -225,7 +223,9 @@ impl<'a> InWorld<'a> {
 
     fn depth(&self, origin: DVec3, direction: DVec3, distance: f64, counts: &mut SceneCounts) -> [f64; 3] {
         let mut sum = [0.0; 3];
-        self.each_stretch(origin, direction, distance, counts, &mut |stretch| {
+        let Some(part) = self.part(origin, direction, distance, counts) else { return sum };
+        let Some(field) = &self.field else { return self.constant.map(|v| v * (part.1 - part.0)) };
+        self.each_stretch(field, (origin, direction), part, counts, &mut |stretch| {
             (0..3).for_each(|c| sum[c] += stretch.depth(c));
             true
         });
@@ -244,7 +244,16 @@ impl<'a> InWorld<'a> {
         counts: &mut SceneCounts,
     ) -> ([f64; 3], Option<(f64, [f64; 3], f64)>) {
         let (mut sum, mut rest, mut found) = ([0.0; 3], target, None);
-        self.each_stretch(origin, direction, distance, counts, &mut |stretch| {
+        let Some(part) = self.part(origin, direction, distance, counts) else { return (sum, found) };
+        let Some(field) = &self.field else {
+            let length = target / self.constant[channel];
+            if length < part.1 - part.0 {
+                found = Some((part.0 + length, self.constant, 0.0));
+            }
+            let length = length.min(part.1 - part.0);
+            return (self.constant.map(|v| v * length), found);
+        };
+        self.each_stretch(field, (origin, direction), part, counts, &mut |stretch| {
             let own = stretch.depth(channel);
             if own <= rest {
                 rest -= own;

@@ -256,10 +256,7 @@ impl<T: Sample> Tracer<'_, T> {
         let mut first = if let Begins::At(turn) = begins { Some(turn) } else { None };
         let media = &self.world.media;
         let mut in_media = InMedia::new(media, sampler, path);
-        let carried = |weight: &[f64; 3], in_media: &InMedia| -> [f64; 3] {
-            let factors = in_media.factors();
-            std::array::from_fn(|c| weight[c] * factors[c])
-        };
+        let carried = |weight: &[f64; 3], in_media: &InMedia| in_media.carried(*weight);
         while turn < MOST_TURNS && specular < specular_chain::MOST {
             let met = match first.take() {
                 Some((place, scatter)) => Err((place, scatter, self.albedo(0))),

@@ -67,6 +67,8 @@ impl Scatter {
 #[derive(Clone, Copy)]
 pub(super) struct InMedia {
     channel: usize,
+    // Whether all channels are dimmed alike, so that the odds stay 1.
+    grey: bool,
     // Relative to each other alone.
     odds: [f64; 3],
     collisions: u32,
@@ -79,18 +81,24 @@ impl InMedia {
             true => 0,
             false => (3.0 * sampler.pair(index, CHANNEL)[0]) as usize,
         };
-        Self { channel: channel.min(2), odds: [1.0; 3], collisions: 0 }
+        Self { channel: channel.min(2), grey: media.is_grey(), odds: [1.0; 3], collisions: 0 }
     }
 
     /// A path that has not entered the translucent solid, if there is one.
     pub(super) fn of_body(media: Option<&Media<'_>>, sampler: &PathSampler, index: u32) -> Self {
-        media.map_or(Self { channel: 0, odds: [1.0; 3], collisions: 0 }, |media| Self::new(media, sampler, index))
+        media.map_or(Self { channel: 0, grey: true, odds: [1.0; 3], collisions: 0 }, |media| {
+            Self::new(media, sampler, index)
+        })
     }
 
-    /// Factor on the weight of each channel.
-    pub(super) fn factors(&self) -> [f64; 3] {
+    /// The weight of a path in each channel, with what the media have done to it.
+    #[inline]
+    pub(super) fn carried(&self, weight: [f64; 3]) -> [f64; 3] {
+        if self.grey {
+            return weight;
+        }
         let mean = (self.odds[0] + self.odds[1] + self.odds[2]) / 3.0;
-        self.odds.map(|p| p / mean)
+        std::array::from_fn(|c| weight[c] * (self.odds[c] / mean))
     }
 
     /// A flight up to a distance; where it met a medium. Each flight of a path has its turn and the mirrors and glass since.

@@ -167,8 +167,13 @@ fn surfaces_are_merged_with_their_check_points() {
 fn groups_of_a_scene_lie_below_their_surface() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("x.isolume");
-    let scene =
-        SceneIdentity { fingerprint: "f".into(), luminaires: vec!["lamp".into()], exponents: vec![3], coupling: None };
+    let scene = SceneIdentity {
+        fingerprint: "f".into(),
+        luminaires: vec!["lamp".into()],
+        exponents: vec![3],
+        coupling: None,
+        body: None,
+    };
     let identity = Identity { scene: Some(scene), ..identity() };
     let store = Store::create(&path, &volume(), &identity, provenance()).unwrap();
     let surface = store.open_or_add_surface(1e-40, &mesh(600), volume().world_from_grid()).unwrap();
