@@ -29,6 +29,7 @@ mod memory;
 mod merge;
 mod options;
 mod output;
+mod pack;
 mod picture;
 mod plan;
 mod plan_table;
@@ -90,6 +91,7 @@ enum Command {
     Bake(Box<bake::Bake>),
     Merge(merge::Merge),
     Verify(verify::Verify),
+    Pack(pack::Pack),
     Compare(Box<compare::Compare>),
     Study(Box<study::Study>),
     Relight(Box<relight::Relight>),
@@ -197,6 +199,7 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         Command::Bake(command) => command.run(seed, console),
         Command::Merge(command) => command.run(console),
         Command::Verify(command) => command.run(console),
+        Command::Pack(command) => command.run(console),
         Command::Compare(command) => command.run(seed, console),
         Command::Study(command) => command.run(seed, console),
         Command::Relight(command) => command.run(seed, console),
