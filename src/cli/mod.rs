@@ -9,6 +9,7 @@ mod bake;
 mod bake_report;
 mod baking;
 mod cache;
+mod cluster;
 mod compare;
 mod completions;
 mod console;
@@ -92,6 +93,7 @@ enum Command {
     Merge(merge::Merge),
     Verify(verify::Verify),
     Pack(pack::Pack),
+    Cluster(cluster::Cluster),
     Compare(Box<compare::Compare>),
     Study(Box<study::Study>),
     Relight(Box<relight::Relight>),
@@ -200,6 +202,7 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         Command::Merge(command) => command.run(console),
         Command::Verify(command) => command.run(console),
         Command::Pack(command) => command.run(console),
+        Command::Cluster(command) => command.run(seed, console),
         Command::Compare(command) => command.run(seed, console),
         Command::Study(command) => command.run(seed, console),
         Command::Relight(command) => command.run(seed, console),
