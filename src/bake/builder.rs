@@ -131,7 +131,7 @@ impl<'a> Bake<'a> {
         Self { estimator, ..self }
     }
 
-    /// Only share `index` (from 1) of `of` shares of the chunks: several processes may fill one store so, or each its own for
+    /// Only share `index` (from 1) of `of` shares of the work ([`Share`]): several processes may fill one store so, or each its own for
     /// [`StoreOptions::merge`](crate::transfer::store::StoreOptions::merge).
     ///
     /// # Errors

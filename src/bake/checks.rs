@@ -19,10 +19,10 @@ const VERTICES_A_POINT: usize = 8;
 const FEWEST: usize = 64;
 const MOST: usize = 256;
 /// Check points of all isovalues together.
-const OF_ALL: usize = 512;
+pub(super) const OF_ALL: usize = 512;
 /// Paths of a check point, half of them for each half of its transfer. More paths rather than more points: what is beyond the bands is
 /// the mean of a product of two halves, whose noise falls as the paths and as the root of the points.
-const PATHS: u32 = 2048;
+pub(super) const PATHS: u32 = 2048;
 /// The streams of random numbers of places and of paths.
 const PLACES: u64 = 0x706c_6163;
 const OF_PATHS: u64 = 0x6368_6563;

@@ -7,6 +7,7 @@
 
 mod builder;
 mod checks;
+mod deal;
 mod goal;
 mod memory;
 mod observer;

@@ -4,7 +4,7 @@ use super::Request;
 use crate::error::Result;
 use crate::grid3;
 use crate::transfer::store::{Baked, Store};
-use crate::transfer::{Selection, extents_by_chunk, texels_of_isosurface};
+use crate::transfer::{Octants, Selection, extents_by_chunk, texels_of_isosurface};
 use std::collections::BTreeMap;
 
 /// Chunks that lack the same and have the same.
@@ -13,6 +13,8 @@ struct Group {
     missing: Vec<usize>,
     /// Isosurfaces, as keys, whose texels are as good as asked already.
     done: Vec<Key>,
+    /// Which of their octants this process bakes.
+    octants: Octants,
     chunks: Vec<[usize; 3]>,
 }
 
@@ -23,14 +25,18 @@ fn key(isovalue: Option<f64>) -> Key {
     isovalue.map(f64::to_bits)
 }
 
-/// The missing and the done of a [`Group`].
-type Need = (Vec<usize>, Vec<Key>);
+/// The missing, the done and the octants of a [`Group`].
+type Need = (Vec<usize>, Vec<Key>, Octants);
 
 /// A part of a bake: chunks that get the same texels and the same claims.
 pub(super) struct Part {
     pub(super) selection: Selection,
     pub(super) chunks: Vec<[usize; 3]>,
     pub(super) claims: Vec<Baked>,
+    /// Octants of the chunks that are baked here.
+    pub(super) octants: Octants,
+    /// For each chunk the octants that each claim is about; those without a texel of its isosurface need nothing.
+    pub(super) touched: BTreeMap<[usize; 3], Vec<Octants>>,
 }
 
 /// What remains to be baked.
@@ -40,6 +46,8 @@ pub(super) struct Pending<'a> {
     wanted: Vec<Baked>,
     groups: Vec<Group>,
     selections: BTreeMap<Key, Selection>,
+    /// By the linear index of a chunk, the isosurfaces asked for that touch it, and where.
+    touched: Vec<Vec<(usize, Octants)>>,
     /// Chunks that have all that is asked of them.
     pub(super) kept: usize,
     /// Chunks that do not.
@@ -49,26 +57,38 @@ pub(super) struct Pending<'a> {
 impl<'a> Pending<'a> {
     /// Compares what is asked with the records of the chunks. With a share only its chunks count.
     pub(super) fn new(job: &'a Request<'a>, store: &Store, wanted: Vec<Baked>) -> Result<Self> {
-        let mut pending = Self { job, wanted, groups: Vec::new(), selections: BTreeMap::new(), kept: 0, missing: 0 };
+        let mut pending = Self {
+            job,
+            wanted,
+            groups: Vec::new(),
+            selections: BTreeMap::new(),
+            touched: Vec::new(),
+            kept: 0,
+            missing: 0,
+        };
         let [cx, cy, cz] = job.layout.lattice.chunks();
         // Which of the isosurfaces asked for touch each chunk.
-        let mut touched: Vec<Vec<usize>> = vec![Vec::new(); cx * cy * cz];
+        let mut touched: Vec<Vec<(usize, Octants)>> = vec![Vec::new(); cx * cy * cz];
         for i in 0..pending.wanted.len() {
             let selection = pending.selection_of(key(pending.wanted[i].isovalue));
             let at = |c: usize| grid3::at([cx, cy], c);
-            let chunks: Vec<usize> = (0..cx * cy * cz).filter(|&c| selection.touches_chunk(at(c))).collect();
-            chunks.into_iter().for_each(|c| touched[c].push(i));
+            for c in (0..cx * cy * cz).filter(|&c| selection.touches_chunk(at(c))) {
+                // Without shares nobody asks where in the chunk.
+                let octants = if job.dealt.is_some() { selection.octants(at(c)) } else { Octants::ALL };
+                touched[c].push((i, octants));
+            }
         }
         let mut groups: BTreeMap<Need, Vec<[usize; 3]>> = BTreeMap::new();
         for (c, asked) in touched.iter().enumerate().filter(|(_, asked)| !asked.is_empty()) {
-            if job.share.is_some_and(|share| !share.holds(c))
-                || job.only.as_ref().is_some_and(|only| !only.contains(&c))
-            {
+            let own = job.dealt.map_or(Octants::ALL, |dealt| dealt.octants(c));
+            if own.is_empty() || job.only.as_ref().is_some_and(|only| !only.contains(&c)) {
                 continue;
             }
             let chunk = grid3::at([cx, cy], c);
             let extent = store.chunk_extent(chunk)?.unwrap_or_default();
-            let missing: Vec<usize> = asked.iter().copied().filter(|&i| !extent.covers(&pending.wanted[i])).collect();
+            let is_missing =
+                |&&(i, touched): &&(usize, Octants)| !extent.octants_of(&pending.wanted[i]).contain(own.and(touched));
+            let missing: Vec<usize> = asked.iter().filter(is_missing).map(|&(i, _)| i).collect();
             if missing.is_empty() {
                 pending.kept += 1;
                 continue;
@@ -79,9 +99,11 @@ impl<'a> Pending<'a> {
             let as_good = |have: &&Baked| have.covers(&Baked { isovalue: have.isovalue, ..asked.clone() });
             let done = extent.claims().iter().filter(|_| asked.target.is_some()).filter(as_good);
             let done = done.map(|have| key(have.isovalue)).collect();
-            groups.entry((missing, done)).or_default().push(chunk);
+            groups.entry((missing, done, own)).or_default().push(chunk);
         }
-        pending.groups = groups.into_iter().map(|((missing, done), chunks)| Group { missing, done, chunks }).collect();
+        pending.touched = touched;
+        let group = |((missing, done, octants), chunks)| Group { missing, done, octants, chunks };
+        pending.groups = groups.into_iter().map(group).collect();
         pending.sort_by_extent();
         Ok(pending)
     }
@@ -130,7 +152,16 @@ impl<'a> Pending<'a> {
             selection.remove_all(self.selection_of(key));
         }
         let claims = missing.iter().map(|&i| self.wanted[i].clone()).collect();
-        Part { selection, chunks: self.groups[index].chunks.clone(), claims }
+        let (octants, chunks) = (self.groups[index].octants, self.groups[index].chunks.clone());
+        chunks.iter().for_each(|&chunk| selection.keep_octants(chunk, octants));
+        let [cx, cy, _] = self.job.layout.lattice.chunks();
+        let of_claim = |chunk: [usize; 3], i: usize| {
+            let all = &self.touched[grid3::index([cx, cy], chunk)];
+            all.iter().find(|(which, _)| *which == i).map_or(Octants::NONE, |(_, octants)| *octants)
+        };
+        let of_chunk = |&chunk: &[usize; 3]| (chunk, missing.iter().map(|&i| of_claim(chunk, i)).collect());
+        let touched = chunks.iter().map(of_chunk).collect();
+        Part { selection, chunks, claims, octants, touched }
     }
 
     /// All texels of the isosurfaces asked for, in all chunks.
@@ -145,11 +176,5 @@ impl<'a> Pending<'a> {
 
 /// Number of selected texels in some chunks.
 pub(super) fn texels_in(selection: &Selection, chunks: &[[usize; 3]]) -> u64 {
-    let shape = selection.lattice().chunk_shape();
-    let texels = |chunk: &[usize; 3]| {
-        let span = |a: usize| chunk[a] * shape[a]..(chunk[a] + 1) * shape[a];
-        let inside = |z, y| span(0).filter(|&x| selection.contains([x, y, z])).count() as u64;
-        span(2).flat_map(|z| span(1).map(move |y| (z, y))).map(|(z, y)| inside(z, y)).sum::<u64>()
-    };
-    chunks.iter().map(texels).sum()
+    chunks.iter().flat_map(|&chunk| selection.texels_by_octant(chunk)).sum()
 }

@@ -27,9 +27,22 @@ pub(super) fn set_damage_aside(job: &Request<'_>, store: &Store, observer: &dyn 
             all.filter(|&chunk| selection.touches_chunk(chunk)).collect()
         }
     };
-    candidates.retain(|&chunk| job.share.is_none_or(|share| share.holds(linear(chunk))));
+    candidates.retain(|&chunk| job.dealt.is_none_or(|dealt| dealt.keeps(linear(chunk))));
     let mut damaged: BTreeSet<usize> = BTreeSet::new();
-    for (&chunk, found) in candidates.iter().zip(store.verify_chunks(&candidates)?) {
+    let is_divided = |&chunk: &[usize; 3]| job.dealt.is_some_and(|dealt| dealt.is_divided(linear(chunk)));
+    let (divided, own): (Vec<_>, Vec<_>) = candidates.into_iter().partition(is_divided);
+    let mut turn = Vec::new();
+    let mut found: Vec<_> = own.iter().copied().zip(store.verify_chunks(&own)?).collect();
+    for chunk in divided {
+        // Others write it too: nobody does while it is read, nor until it is set aside.
+        let held = store.lock_chunk(chunk)?;
+        let check = store.verify_chunks(&[chunk])?.pop().unwrap_or(ChunkCheck::Absent);
+        if matches!(check, ChunkCheck::Damaged(_)) {
+            turn.push(held);
+        }
+        found.push((chunk, check));
+    }
+    for (chunk, found) in found {
         let ChunkCheck::Damaged(what) = found else { continue };
         if damaged.len() < MOST_NAMED {
             let [x, y, z] = chunk;
@@ -38,11 +51,12 @@ pub(super) fn set_damage_aside(job: &Request<'_>, store: &Store, observer: &dyn 
         store.set_aside(chunk)?;
         damaged.insert(linear(chunk));
     }
+    drop(turn);
     if damaged.len() > MOST_NAMED {
         observer.note(&format!("{} more damaged chunks are baked again", damaged.len() - MOST_NAMED));
     }
     let awaited = store.awaited()?.into_iter().filter(|c| c.iter().zip([cx, cy, cz]).all(|(&i, n)| i < n)).map(linear);
-    damaged.extend(awaited.filter(|&c| job.share.is_none_or(|share| share.holds(c))));
+    damaged.extend(awaited.filter(|&c| job.dealt.is_none_or(|dealt| dealt.keeps(c))));
     Ok(damaged)
 }
 

@@ -1,5 +1,6 @@
 //! A bake as asked for: what decides the store's numbers, what it takes, and the plan of its effects.
 
+use super::deal::Dealt;
 use super::memory::bytes_of_bake;
 use super::pending::{Pending, texels_in};
 use super::scene::bytes_of_scene_texel;
@@ -88,6 +89,8 @@ pub struct Request<'a> {
     pub writing: Writing,
     /// Only these chunks, by linear index; all where there is no list.
     pub(crate) only: Option<BTreeSet<usize>>,
+    /// What the share has to do of the texture or surface that is baked; set where there is a share.
+    pub(crate) dealt: Option<&'a Dealt>,
     /// What stands around the volume; then the layout is coloured.
     pub geometry: Option<&'a Geometry>,
     /// The vertices that the layout is of, in a request for one surface.
@@ -135,20 +138,14 @@ impl Estimator {
     }
 }
 
-/// One of several parts into which the chunks of a store are dealt out.
+/// One of several parts into which the work of a bake is dealt out: chunks, or octants of chunks, largest first to the share with the
+/// least so far. What a share holds follows from what is asked alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Share {
     /// From 1.
     pub index: usize,
     /// How many there are.
     pub of: usize,
-}
-
-impl Share {
-    /// Whether it holds the chunk with a linear index.
-    pub(super) fn holds(self, chunk: usize) -> bool {
-        chunk % self.of == self.index - 1
-    }
 }
 
 impl<'a> Request<'a> {
@@ -170,6 +167,7 @@ impl<'a> Request<'a> {
             hints: Hints::default(),
             writing: Writing::default(),
             only: None,
+            dealt: None,
             geometry: None,
             points: None,
             specular: None,

@@ -1,15 +1,17 @@
 //! The bake itself: what is damaged is mended, what is missing is computed and written chunk by chunk.
 
+use super::deal::{Dealt, deal};
 use super::observer::{Observer, Task};
 use super::pending::{Part, Pending, texels_in};
 use super::report::{GoalRecord, PhotonReport, Report};
 use super::request::{Estimator, Request};
 use super::{checks, repair};
 use crate::error::{Error, Result};
+use crate::grid3;
 use crate::level::Pyramid;
 use crate::surface::{Mesh, isosurface};
-use crate::transfer::Selection;
-use crate::transfer::store::{ChunkExtent, Store, StoreLock, StoreOptions};
+use crate::transfer::store::{Baked, ChunkExtent, Store, StoreLock, StoreOptions};
+use crate::transfer::{Brick, Lattice, Octants, Selection};
 use crate::transport::{
     ChunkBricks, PhotonMap, Progress, Settings, Summary, SurfacePoints, Target, bake, gather, photon_bake_from,
     photon_bake_map,
@@ -59,7 +61,8 @@ pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observe
         match job.surfaces() {
             None => {
                 let photons = job.specular_photons(&pyramid)?;
-                let job = &Request { specular: photons.as_ref(), ..job.clone() };
+                let dealt = job.share.and_then(|_| dealt(job, &[job.selection()]).pop());
+                let job = &Request { specular: photons.as_ref(), dealt: dealt.as_ref(), ..job.clone() };
                 fill(job, &pyramid, &store, observer, &mut report)?;
                 check_texture(job, &pyramid, &store)?;
             }
@@ -69,6 +72,28 @@ pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observe
     store.refresh();
     Ok((store, report))
 }
+
+/// What the share of a job has to do of each of some selections; nothing where there is no share.
+fn dealt(job: &Request<'_>, selections: &[Selection]) -> Vec<Dealt> {
+    let Some(share) = job.share else { return Vec::new() };
+    // The cache of `gather` is of all texels at once: there a chunk is not divided.
+    let divides = job.estimator == Estimator::Path;
+    let draws = divides && job.settings.rays >= FEWEST_CHECKED;
+    let points: usize = match (&job.isovalues, selections) {
+        _ if !draws => 0,
+        (None, _) => checks::OF_ALL,
+        // A surface crosses about half as many cells as its texels are.
+        (Some(list), [one]) if !one.lattice().is_of_vertices() => {
+            list.len() * checks::count_of(one.len() as usize / 2 / list.len().max(1))
+        }
+        (Some(_), surfaces) => surfaces.iter().map(|surface| checks::count_of(surface.len() as usize)).sum(),
+    };
+    let rays = job.settings.rays.clamp(1, USUAL_RAYS);
+    deal(selections, share, divides, points as u64 * u64::from(checks::PATHS / rays))
+}
+
+/// Paths that a texel needs as a rule where it stops by a goal: they only weigh the check points, which the first share draws.
+const USUAL_RAYS: u32 = 256;
 
 /// Bakes the vertices of isosurfaces, one after the other.
 fn fill_surfaces(
@@ -86,6 +111,9 @@ fn fill_surfaces(
         let Mesh { positions_in_grid, normals, triangles } = mesh;
         surfaces.push((surface, SurfacePoints { isovalue, positions_in_grid, normals, own: Vec::new() }, triangles));
     }
+    let vertices = |points: &SurfacePoints| Selection::all(Lattice::of_vertices(points.positions_in_grid.len()));
+    let selections: Vec<Selection> = surfaces.iter().map(|(_, points, _)| vertices(points)).collect();
+    let mut dealt = dealt(job, &selections).into_iter();
     let mut left: usize = surfaces.iter().map(|(_, points, _)| points.positions_in_grid.len()).sum();
     for (surface, points, triangles) in surfaces {
         let count = points.positions_in_grid.len();
@@ -93,7 +121,9 @@ fn fill_surfaces(
         left -= count;
         let of_surface = job.of_surface(&points, share);
         let photons = of_surface.specular_photons(pyramid)?;
-        fill(&Request { specular: photons.as_ref(), ..of_surface }, pyramid, &surface, observer, report)?;
+        let dealt = dealt.next();
+        let of_surface = Request { specular: photons.as_ref(), dealt: dealt.as_ref(), ..of_surface };
+        fill(&of_surface, pyramid, &surface, observer, report)?;
         let SurfacePoints { isovalue, positions_in_grid, normals, .. } = points.clone();
         let mesh = Mesh { positions_in_grid, normals, triangles };
         let job = &Request { specular: photons.as_ref(), ..job.clone() };
@@ -153,15 +183,29 @@ fn fill(
     let rays = job.goal.rays(job.settings.rays, texels);
     let job = &Request { settings: Settings { rays, ..job.settings.clone() }, ..job.clone() };
     let damaged = repair::set_damage_aside(job, store, observer)?;
+    // Who finds a chunk damaged bakes all of it again, whoever had parts of it.
+    let dealt = job.dealt.map(|dealt| dealt.with_whole(&damaged));
+    let job = &Request { dealt: dealt.as_ref(), ..job.clone() };
     let quality = job.quality(pyramid, store, || job.selection(), observer)?;
     let claims = job.claims(&quality.name);
     let asked = store.asked()?;
     let wanted = claims.clone();
     let mut pending = Pending::new(job, store, claims)?;
+    if pending.missing > 0 {
+        store.check_not_packed()?;
+        if job.share.is_some() {
+            // Others ask the same: whoever watches knows from the start how much there is to do.
+            store.ask(&asked_with(&asked, &wanted))?;
+        }
+    }
     let of = job.points.map_or(String::new(), |points| format!(" of isovalue {}", points.isovalue));
     let chunks = pending.kept + pending.missing;
     if let Some(share) = job.share {
-        observer.note(&format!("share {} of {}: {chunks} chunks{of}", share.index, share.of));
+        let what = match job.dealt.is_some_and(Dealt::is_empty) {
+            true => "nothing: there is less to do than shares to do it".to_owned(),
+            false => format!("{chunks} chunks or parts of them"),
+        };
+        observer.note(&format!("share {} of {}{of}: {what}", share.index, share.of));
     }
     if pending.kept > 0 {
         observer.note(&format!("{} of {chunks} chunks{of} are there already", pending.kept));
@@ -174,10 +218,14 @@ fn fill(
     parts(job, pyramid, store, &mut pending, quality.target, observer, report)?;
     repair::complete(job, pyramid, store, &asked, &damaged, quality.name.as_ref(), observer, report)?;
     // Chunks claim what they have; the note is for those that are lost one day.
-    store.ask(&wanted.into_iter().fold(asked, |mut all, claim| {
-        all.add(claim);
-        all
-    }))
+    store.ask(&asked_with(&asked, &wanted))
+}
+
+/// What was asked before, and what is asked now.
+fn asked_with(before: &ChunkExtent, now: &[Baked]) -> ChunkExtent {
+    let mut all = before.clone();
+    now.iter().for_each(|claim| all.add(claim.clone()));
+    all
 }
 
 /// Bakes all parts of what is pending.
@@ -247,6 +295,35 @@ fn photon_map(
     Ok(made)
 }
 
+/// Puts what other shares have written into a chunk meanwhile beside the octants that were baked here; what the chunk claims.
+fn take_from_others(
+    stores: &[Store],
+    chunk: [usize; 3],
+    own: Octants,
+    groups: &mut [Vec<Option<Brick>>],
+) -> Result<ChunkExtent> {
+    let mut there = Vec::with_capacity(stores.len());
+    for store in stores {
+        there.push(store.read_chunk(chunk)?);
+    }
+    let there: Option<Vec<_>> = there.into_iter().collect();
+    // A process that was killed while it wrote takes the claims of all with it: verification names what is to be baked again.
+    let Some(there) = there else { return Ok(ChunkExtent::default()) };
+    let mut extent = ChunkExtent::default();
+    for (g, (store, (bricks, claimed))) in stores.iter().zip(there).enumerate() {
+        if g == 0 {
+            extent = claimed;
+        }
+        let lattice = store.layout().lattice;
+        for (slot, (here, theirs)) in groups[g].iter_mut().zip(bricks).enumerate() {
+            if !own.hold_slot(&lattice, slot) {
+                *here = theirs;
+            }
+        }
+    }
+    Ok(extent)
+}
+
 fn bake_part(
     job: &Request<'_>,
     pyramid: &Pyramid,
@@ -270,10 +347,20 @@ fn bake_part(
         Ok(Some(all))
     };
     let (mut write, mut baked) = (0.0, 0);
-    let mut sink = |chunk: [usize; 3], groups: ChunkBricks| {
+    let mut sink = |chunk: [usize; 3], mut groups: ChunkBricks| {
         let before = observer.seconds();
-        let mut extent: ChunkExtent = store.chunk_extent(chunk)?.unwrap_or_default();
-        part.claims.iter().for_each(|claim| extent.add(claim.clone()));
+        let [cx, cy, _] = job.layout.lattice.chunks();
+        let is_divided = job.dealt.is_some_and(|dealt| dealt.is_divided(grid3::index([cx, cy], chunk)));
+        let _turn = if is_divided { Some(store.lock_chunk(chunk)?) } else { None };
+        let mut extent = match is_divided {
+            true => take_from_others(&stores, chunk, part.octants, &mut groups)?,
+            false => store.chunk_extent(chunk)?.unwrap_or_default(),
+        };
+        for (i, claim) in part.claims.iter().enumerate() {
+            // Where an isosurface has no texels there is nothing to do for it.
+            let touched = part.touched.get(&chunk).and_then(|all| all.get(i)).copied().unwrap_or(Octants::ALL);
+            extent.add_part(claim.clone(), part.octants.with(touched.others()));
+        }
         for (store, bricks) in stores.iter().zip(groups).rev() {
             store.write_chunk(chunk, bricks, &extent)?;
         }

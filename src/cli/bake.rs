@@ -7,7 +7,7 @@ use super::input::{VolumeArgs, file_name};
 use super::isovalue::tell;
 use super::light::open_probe;
 use super::options::{BakeArgs, EstimatorArg, Texture, TransferArgs, add_media, parse_share, parse_time};
-use super::{Failure, Outcome, forecast, output, replay, text};
+use super::{Failure, Outcome, forecast, output, pack, replay, text};
 use crate::bake::{ForLight, Share, Writing, layout_of_scene};
 use crate::error::Error;
 use crate::file::size_on_disk;
@@ -18,7 +18,7 @@ use crate::scene::{Scene, SceneFile, distant_light};
 use crate::study::forecast::{self as forecasts, best_within};
 use crate::study::model::ENOUGH;
 use crate::transfer::Layout;
-use crate::transfer::store::{Replacement, Store};
+use crate::transfer::store::{PackError, Replacement, Store};
 use crate::volume::Volume;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -72,7 +72,9 @@ pub(super) struct Bake {
     #[arg(long, value_name = "TIME", value_parser = parse_time,
         conflicts_with_all = ["time", "error", "rays", "texture", "chunks", "replay_texel"])]
     auto: Option<Duration>,
-    /// Bake only share i of n of the chunks; several processes may fill one store so, or each its own for merge
+    /// Bake only share i of n: chunks, or octants of them, dealt by their texels, largest first to the share with the least so far; what a
+    /// share holds follows from the other options alone. Several processes may fill one store so, or each its own for merge; see also
+    /// isolume cluster
     #[arg(long, value_name = "I/N", value_parser = parse_share)]
     chunks: Option<Share>,
     #[command(flatten)]
@@ -89,11 +91,23 @@ pub(super) struct Bake {
     /// Write damaged metadata anew even if nothing else in the store proves that it is this command's
     #[arg(long)]
     repair: bool,
+    /// Pack the store when it is baked, with an error such as 0.5%, or auto for half of the noise (see pack); none keeps it as it is. What is
+    /// packed is not baked into any more
+    #[arg(long, value_name = "E", value_parser = parse_compress, default_value = "none", conflicts_with_all = ["chunks", "replay_texel"])]
+    compress: Compress,
     /// Trace one texel alone, print its paths, and bake nothing
     #[arg(long, value_name = "X,Y,Z", value_parser = replay::parse_texel)]
     replay_texel: Option<[usize; 3]>,
     #[arg(skip)]
     pub(super) scene: Option<SceneFile>,
+}
+
+/// Whether a bake is packed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Compress(Option<PackError>);
+
+fn parse_compress(word: &str) -> Result<Compress, String> {
+    if word == "none" { Ok(Compress(None)) } else { pack::parse_pack_error(word).map(|e| Compress(Some(e))) }
 }
 
 impl Bake {
@@ -131,6 +145,13 @@ impl Bake {
         }
         if let Some(replacement) = replacement {
             replacement.commit()?;
+        }
+        if let (Compress(Some(error)), Some(path)) = (self.compress, &self.output)
+            && let Some((packed, sizes)) = pack::in_place(path, error, !self.no_sync)?
+        {
+            console.summary(text::file_line(path, &pack::summary(&packed, sizes)));
+            let about = pack::to_json(&packed, path, sizes);
+            reports.iter_mut().for_each(|report| report["packed"] = about.clone());
         }
         if let (1, Some(json)) = (members, reports.first()) {
             console.print_json(json);
@@ -259,6 +280,29 @@ pub(super) fn fix(scene: &mut Scene, name: &str, (turned, frame): (f64, super::l
 }
 
 impl Bake {
+    /// Bytes that it needs at most, of the volume that needs the most.
+    ///
+    /// # Errors
+    /// When the volume or scene cannot be opened, or what is asked of it makes no sense.
+    pub(super) fn bytes_needed(&self, seed: u64) -> Outcome<u64> {
+        let mut scene = self.open()?;
+        let mut most = 0;
+        for member in 0..scene.members().len() {
+            let opened = &mut scene.members_mut()[member];
+            let file = self.scene.as_ref();
+            let chosen = if self.is_empty(&opened.volume)? { None } else { self.bake.isovalues(opened, file)? };
+            let isovalues = chosen.map(|list| list.iter().map(|c| c.value).collect());
+            let (transfer, geometry) = (&self.bake.transfer, opened.geometry.as_ref());
+            let layout = layout_of_scene(transfer.layout(&opened.volume, self.bands())?, geometry);
+            let settings = transfer.settings(&layout, seed, (Vec::new(), None), true);
+            let effects = transfer.effects();
+            let job = baking::request(opened, file, &self.bake, isovalues, layout, settings, &effects);
+            job.check()?;
+            most = most.max(job.bytes_needed());
+        }
+        Ok(most)
+    }
+
     /// Whether the volume has no surface at all, which `--allow-empty` accepts.
     fn is_empty(&self, volume: &Volume) -> Outcome<bool> {
         let (low, high) = volume.value_range();

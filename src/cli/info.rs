@@ -1,5 +1,7 @@
 //! `isolume info`: what is in a volume or a store.
 
+mod watch;
+
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::{Chosen, Isovalue};
@@ -15,6 +17,7 @@ use crate::volume::isovalue::overview;
 use crate::volume::{LengthUnit, Series, Solid, Volume, field};
 use serde_json::json;
 use std::path::Path;
+use std::time::Duration;
 
 /// Show what is in a volume or a transfer store
 #[derive(clap::Args)]
@@ -25,6 +28,12 @@ pub(super) struct Info {
     input: String,
     #[command(flatten)]
     volume: VolumeArgs,
+    /// Follow the bake of a store, by however many processes: what all have done, what is left, the rate. Ends when all is there
+    #[arg(long)]
+    watch: bool,
+    /// Seconds between two looks
+    #[arg(long, value_name = "S", default_value_t = 2.0, requires = "watch", value_parser = parse_seconds)]
+    every: f64,
 }
 
 const BINS: usize = 64;
@@ -35,7 +44,14 @@ impl Info {
     pub(super) fn run(&self, console: &Console) -> Outcome {
         if is_store(&self.input) {
             self.volume.options().refuse_for("a store")?;
+            if self.watch {
+                return watch::follow(&self.input, Duration::from_secs_f64(self.every), console);
+            }
             return store(&self.input, console);
+        }
+        if self.watch {
+            let remedy = "give the store that is baked: isolume info X.isolume --watch";
+            return Err(Error::argument("--watch", &self.input, "a transfer store", remedy).into());
         }
         let opened = input::look_at(&self.input, &self.volume)?;
         let volume = &opened.volume;
@@ -107,6 +123,14 @@ impl Info {
             "content_hash": volume.content_hash(),
         }));
         Ok(())
+    }
+}
+
+/// Reads a number of seconds.
+fn parse_seconds(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if (0.01..=3600.0).contains(&seconds) => Ok(seconds),
+        _ => Err("give seconds from 0.01 to 3600".into()),
     }
 }
 
@@ -340,12 +364,13 @@ fn store(argument: &str, console: &Console) -> Outcome {
     };
     rows.push(row("baked", format!("{state}, {}", text::bytes(bytes as f64))));
     rows.push(row("quality", quality_text(&held)));
+    rows.extend(super::pack::about(&store)?.iter().map(|(name, text)| row(name, text.clone())));
     console.print(text::table(&rows));
     let isovalues = if held.all { json!("all") } else { json!(held.isovalues) };
     console.print_json(&json!({
         "store": file_name(argument), "volumes": volumes, "identity": identity, "provenance": store.provenance(),
         "isovalues": isovalues, "surfaces": held.surfaces, "chunks": held.chunks, "chunks_of_lattice": all, "chunks_asked": complete.needed, "chunks_complete": complete.there, "rays": held.rays,
-        "error_targets": held.targets, "bytes": bytes,
+        "error_targets": held.targets, "bytes": bytes, "packing": store.packing(),
     }));
     Ok(())
 }

@@ -9,6 +9,7 @@ mod bake;
 mod bake_report;
 mod baking;
 mod cache;
+mod cluster;
 mod compare;
 mod completions;
 mod console;
@@ -29,6 +30,7 @@ mod memory;
 mod merge;
 mod options;
 mod output;
+mod pack;
 mod picture;
 mod plan;
 mod plan_table;
@@ -90,6 +92,8 @@ enum Command {
     Bake(Box<bake::Bake>),
     Merge(merge::Merge),
     Verify(verify::Verify),
+    Pack(pack::Pack),
+    Cluster(cluster::Cluster),
     Compare(Box<compare::Compare>),
     Study(Box<study::Study>),
     Relight(Box<relight::Relight>),
@@ -197,6 +201,8 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         Command::Bake(command) => command.run(seed, console),
         Command::Merge(command) => command.run(console),
         Command::Verify(command) => command.run(console),
+        Command::Pack(command) => command.run(console),
+        Command::Cluster(command) => command.run(seed, console),
         Command::Compare(command) => command.run(seed, console),
         Command::Study(command) => command.run(seed, console),
         Command::Relight(command) => command.run(seed, console),

@@ -29,6 +29,7 @@
 pub mod checks;
 mod group;
 mod isosurface;
+mod octants;
 pub mod precision;
 mod selection;
 pub mod store;
@@ -36,6 +37,7 @@ pub mod texture;
 
 pub use group::Group;
 pub use isosurface::{extents_by_chunk, texels_of_isosurface, texels_of_isosurfaces};
+pub use octants::Octants;
 pub use precision::{Precision, Steps};
 pub use selection::Selection;
 pub use texture::MemoryTexture;

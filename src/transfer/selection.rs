@@ -1,6 +1,6 @@
 //! A set of texels, and the bricks and chunks that hold them.
 
-use super::Lattice;
+use super::{Lattice, Octants};
 use crate::grid3;
 use crate::volume::{Sample, Volume, with_samples};
 
@@ -175,6 +175,60 @@ impl Selection {
         let span = |a: usize| block[a] * shape[a]..((block[a] + 1) * shape[a]).min(m[a]);
         let row = span(0);
         !row.is_empty() && span(2).any(|z| span(1).any(|y| self.any_of(self.index([row.start, y, z]), row.len())))
+    }
+
+    /// Texels of the set in each octant of a chunk; of vertices all stand in the first.
+    pub fn texels_by_octant(&self, chunk: [usize; 3]) -> [u64; Octants::COUNT] {
+        let mut counts = [0; Octants::COUNT];
+        for (octant, row) in self.rows_of(chunk) {
+            counts[octant] += row.map(|i| u64::from(self.bits[i / 64] >> (i % 64) & 1 == 1)).sum::<u64>();
+        }
+        counts
+    }
+
+    /// The octants of a chunk that hold texels of the set; of vertices all or none.
+    pub fn octants(&self, chunk: [usize; 3]) -> Octants {
+        let counts = self.texels_by_octant(chunk);
+        match self.lattice.is_of_vertices() {
+            true if counts[0] > 0 => Octants::ALL,
+            _ => counts
+                .iter()
+                .enumerate()
+                .filter(|(_, n)| **n > 0)
+                .fold(Octants::NONE, |all, (i, _)| all.with(Octants::one(i))),
+        }
+    }
+
+    /// Takes out the texels of a chunk that lie in other octants.
+    pub fn keep_octants(&mut self, chunk: [usize; 3], kept: Octants) {
+        if kept == Octants::ALL {
+            return;
+        }
+        for (octant, row) in self.rows_of(chunk) {
+            if !kept.contain(Octants::one(octant)) {
+                row.for_each(|i| self.bits[i / 64] &= !(1 << (i % 64)));
+            }
+        }
+    }
+
+    /// The rows of a chunk, cut where octants meet: the octant, and the indices of the texels.
+    fn rows_of(&self, chunk: [usize; 3]) -> Vec<(usize, std::ops::Range<usize>)> {
+        let (m, shape) = (self.lattice.texels(), self.lattice.chunk_shape());
+        let half = if self.lattice.is_of_vertices() { shape } else { shape.map(|n| n / 2) };
+        let span = |a: usize| chunk[a] * shape[a]..((chunk[a] + 1) * shape[a]).min(m[a]);
+        let mut rows = Vec::new();
+        for z in span(2) {
+            for y in span(1) {
+                for start in span(0).step_by(half[0]) {
+                    let end = (start + half[0]).min(m[0]);
+                    let place = [start, y, z];
+                    let [i, j, k] = std::array::from_fn(|a| (place[a] - chunk[a] * shape[a]) / half[a]);
+                    let first = self.index(place);
+                    rows.push((i + 2 * j + 4 * k, first..first + (end - start)));
+                }
+            }
+        }
+        rows
     }
 
     /// Whether any of `count` texels in a row is in the set, given the index of the first.

@@ -154,6 +154,7 @@ pub const RAYON_FILES: &[(&str, &str)] = &[
     ("src/level/pyramid.rs", "slabs of blocks"),
     ("src/transfer/store/volume.rs", "slabs of chunks"),
     ("src/transfer/store/verify.rs", "chunks to verify"),
+    ("src/transfer/store/pack.rs", "chunks to pack"),
     ("src/transfer/isosurface.rs", "slabs of cells"),
     ("src/probe/project.rs", "rows of an environment, summed in order"),
     ("src/probe/read/layout.rs", "rows of a converted environment"),

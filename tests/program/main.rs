@@ -12,6 +12,7 @@ mod hard_files;
 mod isovalues;
 mod lazy;
 mod model;
+mod pack;
 mod planned;
 mod resume;
 mod scene;

@@ -161,6 +161,63 @@ fn threads_shares_and_the_order_of_isosurfaces_leave_no_trace() {
     }
 }
 
+/// Four shares of a texture of eight chunks, one of which holds most: octants of it are dealt, and all four write one file.
+#[test]
+#[cfg(unix)]
+fn shares_that_divide_chunks_leave_no_trace_even_when_stopped() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
+    let bake = |store: &Path, share: &str| {
+        let more = ["--isovalues", "30,60", "--texture", "1", "--rays", "32"];
+        let share = if share.is_empty() { vec![] } else { vec!["--chunks", share] };
+        bake_volume("bumpbox:40", store, &[&more[..], &share].concat())
+    };
+    let whole = at("whole.isolume");
+    succeeds(bake(&whole, ""));
+    let expected = files(&whole);
+    let shares = ["1/4", "2/4", "3/4", "4/4"];
+    // All at once into a store that is not there yet; one is killed, one gets SIGTERM, at several moments.
+    for (turn, delay) in [20, 60, 120, 200].into_iter().enumerate() {
+        let store = at(&format!("together-{turn}.isolume"));
+        let mut children: Vec<Child> = shares.iter().map(|share| bake(&store, share).spawn().unwrap()).collect();
+        std::thread::sleep(Duration::from_millis(delay));
+        children[1].kill().unwrap();
+        let id = children[2].id().to_string();
+        Command::new("kill").args(["-TERM", &id]).status().unwrap();
+        for (i, child) in children.into_iter().enumerate() {
+            let output = child.wait_with_output().unwrap();
+            let text = String::from_utf8_lossy(&output.stderr);
+            assert!(output.status.success() || i == 1 || i == 2, "share {i}: {text}");
+            assert!(i != 2 || output.status.success() || matches!(output.status.code(), Some(143) | None), "{text}");
+        }
+        // What a kill between two renames has torn is repaired by whoever keeps the chunk: all once more.
+        shares.iter().for_each(|share| drop(succeeds(bake(&store, share))));
+        assert_same(&store, &expected, &format!("stopped after {delay} ms"));
+        succeeds(isolume(&["verify", store.to_str().unwrap()]));
+    }
+    // Stores of their own, merged in two orders.
+    shares.iter().for_each(|share| drop(succeeds(bake(&at(&share.replace('/', "-")), share))));
+    for order in [[0, 1, 2, 3], [3, 1, 0, 2]] {
+        let store = at(&format!("merged-{}.isolume", order[0]));
+        let mut merge = isolume(&["merge"]);
+        merge.args(order.map(|i: usize| at(&shares[i].replace('/', "-")))).arg("-o").arg(&store);
+        succeeds(merge);
+        assert_same(&store, &expected, &format!("shares merged as {order:?}"));
+    }
+    // What is damaged of a divided chunk comes back whole, by one of the shares.
+    let shard = whole.join("transfer/bumpbox/env/transfer/c/0/0/0/0");
+    let mut bytes = fs::read(&shard).unwrap();
+    bytes[100] ^= 1;
+    fs::write(&shard, bytes).unwrap();
+    shares.iter().for_each(|share| drop(succeeds(bake(&whole, share))));
+    assert_same(&whole, &expected, "a damaged chunk that shares divide");
+    // More shares than there is work: those beyond it do nothing and say so.
+    let output =
+        succeeds(bake_volume("bumpbox:12", &at("small"), &["--isovalues", "30", "--rays", "8", "--chunks", "60/64"]));
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(text.contains("share 60 of 64") && text.contains("nothing"), "{text}");
+}
+
 #[test]
 fn coarse_texels_are_replaced_and_good_ones_kept() {
     let directory = tempfile::tempdir().unwrap();

@@ -52,3 +52,25 @@ fn a_brick_is_touched_where_one_of_its_texels_is_in_the_set() {
         }
     }
 }
+
+#[test]
+fn octants_of_a_chunk_count_and_keep_their_own_texels() {
+    // 40 texels along x: the second chunk has 8 of them, all in octants 0, 2, 4, 6.
+    let lattice = Lattice::from_texels([40, 36, 20], [40, 36, 20]).unwrap();
+    let all = Selection::all(lattice);
+    assert_eq!(all.texels_by_octant([0, 0, 0]), [4096, 4096, 4096, 4096, 1024, 1024, 1024, 1024]);
+    assert_eq!(all.texels_by_octant([1, 1, 0]), [8 * 4 * 16, 0, 0, 0, 8 * 4 * 4, 0, 0, 0]);
+    assert_eq!(all.octants([1, 1, 0]), Octants::one(0).with(Octants::one(4)));
+    let mut kept = all.clone();
+    kept.keep_octants([0, 0, 0], Octants::one(3));
+    assert_eq!(kept.texels_by_octant([0, 0, 0]), [0, 0, 0, 4096, 0, 0, 0, 0]);
+    assert!(kept.contains([16, 16, 0]) && !kept.contains([15, 16, 0]) && kept.contains([32, 0, 0]));
+    // A brick belongs to the octant of its texels.
+    for slot in 0..64 {
+        let texel = lattice.texel_in_brick(lattice.brick_in_chunk([0, 0, 0], slot), 0);
+        assert_eq!(Octants::one(3).hold_slot(&lattice, slot), texel[0] >= 16 && texel[1] >= 16 && texel[2] < 16);
+    }
+    let vertices = Selection::all(Lattice::of_vertices(5000));
+    assert_eq!(vertices.texels_by_octant([1, 0, 0])[0], 904);
+    assert_eq!(vertices.octants([1, 0, 0]), Octants::ALL);
+}

@@ -140,7 +140,8 @@ pub(super) fn pack(directory: &Path, out: &Path) -> Result<()> {
     staging::sync_directory(folder).map_err(failed)
 }
 
-fn list(directory: &Path, prefix: &str, keys: &mut Vec<String>) -> Result<()> {
+/// Adds the keys of the files of a directory; hidden ones stay out.
+pub(super) fn list(directory: &Path, prefix: &str, keys: &mut Vec<String>) -> Result<()> {
     let failed = |e| Error::io(directory, "list", e);
     for entry in fs::read_dir(directory).map_err(failed)? {
         let entry = entry.map_err(failed)?;

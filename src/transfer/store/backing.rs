@@ -203,6 +203,22 @@ impl Backing {
         names
     }
 
+    /// The keys of all files, ascending; hidden ones are left out.
+    ///
+    /// # Errors
+    /// When the system refuses to list a folder.
+    pub fn keys(&self) -> Result<Vec<String>> {
+        match self {
+            Self::Directory(root) => {
+                let mut keys = Vec::new();
+                super::archive::list(&root.path, "", &mut keys)?;
+                keys.sort();
+                Ok(keys)
+            }
+            Self::Archive(archive) => Ok(archive.entries.keys().cloned().collect()),
+        }
+    }
+
     /// Length of the file of a key.
     pub fn length(&self, key: &str) -> Option<u64> {
         match self {

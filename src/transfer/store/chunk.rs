@@ -21,6 +21,7 @@ use super::super::texture::{check_brick, check_index};
 use super::super::{BRICK_TEXELS, Brick, BrickSource, BrickView, Layers, Layout};
 use super::backing::{Backing, Bytes, Staged};
 use super::identity::{FORMAT_VERSION, STAMPED_VERSION};
+use super::packed::{self, Files, PACKED, Packing};
 use super::surface::SURFACES;
 use super::zarr::{self, FORMAT, Presence, STAMP, ShardTail};
 use super::{ChunkExtent, Store};
@@ -28,6 +29,7 @@ use crate::error::{Error, Result};
 use crate::grid3;
 use serde_json::{Value, json};
 use std::path::PathBuf;
+use std::sync::PoisonError;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The arrays of a transfer group: name, and whether another axis follows z, y, x, or that of the vertices.
@@ -40,13 +42,32 @@ const TRIES: usize = 8;
 #[derive(Debug)]
 pub(super) struct OpenChunk {
     index: [usize; 3],
-    shards: [Bytes; 4],
-    // Invariant: the presence in every shard, checked against its length.
-    present: Presence,
     extent: ChunkExtent,
-    /// Bricks whose checksums were found right, one bit each. Two threads may both verify a
-    /// brick; they can only agree.
-    verified: AtomicU64,
+    bricks: Bricks,
+}
+
+/// The bricks of an open chunk.
+#[derive(Debug)]
+enum Bricks {
+    /// Read in place.
+    Mapped {
+        shards: [Bytes; 4],
+        // Invariant: the presence in every shard, checked against its length.
+        present: Presence,
+        /// Bricks whose checksums were found right, one bit each. Two threads may both verify a
+        /// brick; they can only agree.
+        verified: AtomicU64,
+    },
+    /// Of a packed chunk, expanded as a whole.
+    Expanded(Vec<Option<Brick>>),
+}
+
+/// What the record of a chunk says.
+struct Record {
+    extent: ChunkExtent,
+    stamp: [u8; STAMP],
+    bricks: usize,
+    payload: String,
 }
 
 /// What is found at the place of a chunk.
@@ -90,6 +111,9 @@ fn stamp_of(record: &Value) -> ([u8; STAMP], String) {
 
 impl Store {
     pub(super) fn shard_key(&self, array: usize, index: [usize; 3]) -> String {
+        if self.packing.is_some() {
+            return packed::key(&self.env, array, self.slot(index));
+        }
         let (name, has_last_axis) = ARRAYS[array];
         let [x, y, z] = index;
         let mut indices = if self.layout.lattice.is_of_vertices() { vec![x] } else { vec![z, y, x] };
@@ -97,6 +121,11 @@ impl Store {
             indices.push(0);
         }
         zarr::chunk_key(&format!("{}/{name}", self.env), &indices)
+    }
+
+    /// Arrays that have a file of each chunk, or may have one.
+    pub(super) fn array_count(&self) -> usize {
+        if self.packing.is_some() { PACKED.len() } else { ARRAYS.len() }
     }
 
     /// Bricks of a chunk.
@@ -114,7 +143,7 @@ impl Store {
     }
 
     /// Whether records name their store.
-    fn is_stamped(&self) -> bool {
+    pub(super) fn is_stamped(&self) -> bool {
         self.identity.format_version >= STAMPED_VERSION
     }
 
@@ -131,7 +160,7 @@ impl Store {
         of
     }
 
-    fn slot(&self, [x, y, z]: [usize; 3]) -> usize {
+    pub(super) fn slot(&self, [x, y, z]: [usize; 3]) -> usize {
         let [nx, ny, _] = self.layout.lattice.chunks();
         grid3::index([nx, ny], [x, y, z])
     }
@@ -141,6 +170,7 @@ impl Store {
         let [x, y, z] = index;
         let remedy = match &self.backing {
             Backing::Archive(_) => "copy or pack the archive again".to_owned(),
+            _ if self.packing.is_some() => "pack it again from the store that it was made of".to_owned(),
             Backing::Directory(_) => "run the same bake again: it redoes what is damaged".to_owned(),
         };
         let found = format!("in chunk ({x}, {y}, {z}) {}", found.into());
@@ -156,6 +186,7 @@ impl Store {
     /// When an index or a length does not fit the layout, a brick lies beyond the lattice, a
     /// number of the extent is not finite, the store is an archive, or the system refuses.
     pub fn write_chunk(&self, index: [usize; 3], bricks: Vec<Option<Brick>>, extent: &ChunkExtent) -> Result<()> {
+        self.check_not_packed()?;
         self.check_chunk(index, &bricks)?;
         extent.check()?;
         if !self.is_stamped() {
@@ -173,15 +204,7 @@ impl Store {
             }
         }
         let digest = digest.finalize().to_hex();
-        let mut record = json!({
-            "chunk": index,
-            "of": self.belongs(),
-            "baked": extent.to_json(),
-            "bricks": sums.iter().flatten().count(),
-            "payload": &digest[..2 * STAMP],
-        });
-        let (stamp, digits) = stamp_of(&record);
-        record["stamp"] = json!(digits);
+        let (record, stamp) = self.stamped(index, extent, sums.iter().flatten().count(), &digest[..2 * STAMP]);
 
         let mut staged: Vec<Staged> = Vec::new();
         staged.push(self.backing.stage(&self.extent_key(index), self.sync, |out| writeln!(out, "{record}"))?);
@@ -198,6 +221,26 @@ impl Store {
         // Once more, now that the long part is over.
         self.directory()?.check()?;
         staged.into_iter().try_for_each(Staged::commit)
+    }
+
+    /// The record of a chunk with its stamp.
+    fn stamped(&self, index: [usize; 3], extent: &ChunkExtent, bricks: usize, payload: &str) -> (Value, [u8; STAMP]) {
+        let mut record = json!({
+            "chunk": index,
+            "of": self.belongs(),
+            "baked": extent.to_json(),
+            "bricks": bricks,
+            "payload": payload,
+        });
+        let (stamp, digits) = stamp_of(&record);
+        record["stamp"] = json!(digits);
+        (record, stamp)
+    }
+
+    /// The record of a chunk that is packed into some files.
+    pub(super) fn record_of(&self, index: [usize; 3], extent: &ChunkExtent, bricks: usize, files: &Files) -> Value {
+        let files: [Option<&[u8]>; PACKED.len()] = std::array::from_fn(|array| files[array].as_deref());
+        self.stamped(index, extent, bricks, &packed::digest(&files)).0
     }
 
     fn check_chunk(&self, index: [usize; 3], bricks: &[Option<Brick>]) -> Result<()> {
@@ -236,6 +279,11 @@ impl Store {
     /// # Errors
     /// As [`Self::read_chunk`].
     pub fn chunk_extent(&self, index: [usize; 3]) -> Result<Option<ChunkExtent>> {
+        if self.packing.is_some() {
+            check_index("chunk", index, self.layout.lattice.chunks())?;
+            let is_there = self.backing.exists(&self.shard_key(0, index));
+            return if is_there { self.extent_record(index).map(|record| Some(record.extent)) } else { Ok(None) };
+        }
         match self.find_chunk(index)? {
             Found::Whole(chunk) => Ok(Some(chunk.extent)),
             _ => Ok(None),
@@ -254,10 +302,39 @@ impl Store {
         self.find_chunk_once(index)
     }
 
+    /// A packed chunk, expanded; its files are written once, so that none is of another writing.
+    fn expand_chunk(&self, packing: &Packing, index: [usize; 3]) -> Result<Found> {
+        if !self.backing.exists(&self.shard_key(0, index)) {
+            return Ok(Found::Nothing);
+        }
+        let record = self.extent_record(index)?;
+        let mut files: [Option<Bytes>; PACKED.len()] = Default::default();
+        for (array, file) in files.iter_mut().enumerate() {
+            *file = self.backing.bytes(&self.shard_key(array, index))?;
+        }
+        let files: [Option<&[u8]>; PACKED.len()] = std::array::from_fn(|array| files[array].as_deref());
+        let bricks = packed::decode(packing, &self.layout, &files)
+            .map_err(|(array, found, expected)| self.damage(&self.shard_key(array, index), index, found, expected))?;
+        let (found, count) = (packed::digest(&files), bricks.iter().flatten().count());
+        if found != record.payload || count != record.bricks {
+            let expected = format!("{} bricks with digest {}", record.bricks, record.payload);
+            return Err(self.damage(
+                &self.extent_key(index),
+                index,
+                format!("{count} bricks with digest {found}"),
+                expected,
+            ));
+        }
+        Ok(Found::Whole(Box::new(OpenChunk { index, extent: record.extent, bricks: Bricks::Expanded(bricks) })))
+    }
+
     fn find_chunk_once(&self, index: [usize; 3]) -> Result<Found> {
+        if let Some(packing) = &self.packing {
+            return self.expand_chunk(packing, index);
+        }
         // The mark of the commit is opened first: what is renamed after it cannot be missed.
         let Some(transfer) = self.backing.bytes(&self.shard_key(0, index))? else { return Ok(Found::Nothing) };
-        let (extent, stamp, bricks) = self.extent_record(index)?;
+        let Record { extent, stamp, bricks, .. } = self.extent_record(index)?;
         let bytes = brick_bytes(&self.layout.layers);
         let mut tails: [Option<ShardTail>; 4] = [None; 4];
         let mut shards = Vec::with_capacity(4);
@@ -285,11 +362,12 @@ impl Store {
         }
         let present = tails[0].map_or(0, |tail| tail.present);
         let Ok(shards) = shards.try_into() else { return Ok(Found::Nothing) }; // There are four.
-        Ok(Found::Whole(Box::new(OpenChunk { index, shards, present, extent, verified: AtomicU64::new(0) })))
+        let bricks = Bricks::Mapped { shards, present, verified: AtomicU64::new(0) };
+        Ok(Found::Whole(Box::new(OpenChunk { index, extent, bricks })))
     }
 
-    /// The extent of a chunk, its stamp, and its number of bricks.
-    fn extent_record(&self, index: [usize; 3]) -> Result<(ChunkExtent, [u8; STAMP], usize)> {
+    /// The record of a chunk.
+    fn extent_record(&self, index: [usize; 3]) -> Result<Record> {
         let key = self.extent_key(index);
         let mut record = match self.backing.json(&key) {
             Ok(Some(record)) => record,
@@ -310,7 +388,10 @@ impl Store {
             return Err(self.damage(&key, index, format!("a chunk of another store, {found}"), expected));
         }
         match parsed {
-            Some((extent, bricks)) if is_whole => Ok((extent, stamp, bricks as usize)),
+            Some((extent, bricks)) if is_whole => {
+                let payload = record["payload"].as_str().unwrap_or_default().to_owned();
+                Ok(Record { extent, stamp, bricks: bricks as usize, payload })
+            }
             _ => {
                 let stored = stored.as_ref().map_or_else(|| "nothing".into(), zarr::shorten);
                 Err(self.damage(&key, index, format!("a record with stamp {digits}"), format!("stamp {stored}")))
@@ -321,6 +402,12 @@ impl Store {
     /// The open chunk at an index, opened at the first call and kept.
     fn open_chunk(&self, index: [usize; 3]) -> Result<Option<&OpenChunk>> {
         let cell = &self.chunks[self.slot(index)];
+        if let Some(known) = cell.get() {
+            return Ok(known.as_deref());
+        }
+        // Expanding takes long: who comes second waits and finds it done.
+        let turns = self.packing.as_ref().map(|_| &self.turns[self.slot(index) % self.turns.len()]);
+        let _turn = turns.map(|turn| turn.lock().unwrap_or_else(PoisonError::into_inner));
         if let Some(known) = cell.get() {
             return Ok(known.as_deref());
         }
@@ -342,15 +429,19 @@ impl Store {
 
     /// The brick in a slot of an open chunk; its checksums are verified the first time.
     fn view<'a>(&self, chunk: &'a OpenChunk, slot: usize) -> Result<Option<BrickView<'a>>> {
+        let (shards, present, verified) = match &chunk.bricks {
+            Bricks::Expanded(bricks) => return Ok(bricks.get(slot).and_then(Option::as_ref).map(Brick::view)),
+            Bricks::Mapped { shards, present, verified } => (shards, *present, verified),
+        };
         let bit = 1 << slot;
-        if chunk.present & bit == 0 {
+        if present & bit == 0 {
             return Ok(None);
         }
-        let place = zarr::rank(chunk.present, slot);
+        let place = zarr::rank(present, slot);
         let bytes = brick_bytes(&self.layout.layers);
         let parts: [(&[u8], &[u8]); 4] =
-            std::array::from_fn(|array| zarr::inner_chunk(&chunk.shards[array], place, bytes[array]));
-        if chunk.verified.load(Ordering::Relaxed) & bit == 0 {
+            std::array::from_fn(|array| zarr::inner_chunk(&shards[array], place, bytes[array]));
+        if verified.load(Ordering::Relaxed) & bit == 0 {
             for (array, (part, stored)) in parts.iter().enumerate() {
                 let (found, stored) = (zarr::checksum(part), zarr::little_u32(stored));
                 if found != stored {
@@ -359,7 +450,7 @@ impl Store {
                     return Err(self.damage(&key, chunk.index, found, format!("crc32c {stored:08x}")));
                 }
             }
-            chunk.verified.fetch_or(bit, Ordering::Relaxed);
+            verified.fetch_or(bit, Ordering::Relaxed);
         }
         // The casts cannot fail: `Bytes` start at a multiple of 4, and so does every brick.
         let [(transfer, _), (stderr, _), (validity, _), (rays, _)] = parts;

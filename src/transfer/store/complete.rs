@@ -1,9 +1,9 @@
 //! Whether a store has all chunks of the isosurfaces that were asked of it.
 
-use super::{ChunkExtent, Holdings, Store};
+use super::{Baked, ChunkExtent, Holdings, Store};
 use crate::error::{Error, Result};
 use crate::grid3;
-use crate::transfer::{Lattice, Selection, texels_of_isosurfaces};
+use crate::transfer::{Lattice, Octants, Selection, texels_of_isosurfaces};
 use crate::volume::Volume;
 
 /// Chunks that the isosurfaces asked of a store need.
@@ -68,4 +68,77 @@ impl Completeness {
 /// The texels that what a store holds was baked for.
 pub fn selection(lattice: Lattice, volume: &Volume, held: &Holdings) -> Selection {
     texels_of_isosurfaces(volume, lattice, if held.all { None } else { Some(&held.in_texture) })
+}
+
+/// What was asked of a store, texel by texel (or vertex by vertex) and isosurface by isosurface, to be compared again and again with
+/// what is there.
+#[derive(Debug)]
+pub struct Work {
+    parts: Vec<Part>,
+}
+
+/// Of one isosurface, or of all.
+#[derive(Debug)]
+struct Part {
+    /// The isovalue of the surface whose vertices these are.
+    surface: Option<f64>,
+    claim: Baked,
+    /// Chunks with their texels by octant.
+    chunks: Vec<([usize; 3], [u64; Octants::COUNT])>,
+}
+
+impl Part {
+    fn new(surface: Option<f64>, claim: &Baked, selection: &Selection) -> Self {
+        let chunks = grid3::all(selection.lattice().chunks()).map(|chunk| (chunk, selection.texels_by_octant(chunk)));
+        let chunks = chunks.filter(|(_, counts)| counts.iter().any(|&n| n > 0)).collect();
+        Self { surface, claim: claim.clone(), chunks }
+    }
+}
+
+impl Work {
+    /// All that was asked of a store so far.
+    ///
+    /// # Errors
+    /// When a record or a surface is damaged.
+    pub fn of(store: &Store, volume: &Volume) -> Result<Self> {
+        let lattice = store.layout().lattice;
+        let mut parts = Vec::new();
+        for claim in store.asked()?.claims() {
+            let alone = ChunkExtent::new(claim.isovalue, claim.rays, claim.target.clone());
+            parts.push(Part::new(None, claim, &selection(lattice, volume, &Holdings::of([&alone]))));
+        }
+        for isovalue in store.surfaces()? {
+            let Some(surface) = store.surface(isovalue)? else { continue };
+            for claim in surface.asked()?.claims() {
+                parts.push(Part::new(Some(isovalue), claim, &Selection::all(surface.layout().lattice)));
+            }
+        }
+        Ok(Self { parts })
+    }
+
+    /// Texels and vertices; one of two isosurfaces counts twice.
+    pub fn asked(&self) -> u64 {
+        self.parts.iter().flat_map(|part| &part.chunks).flat_map(|(_, counts)| counts).sum()
+    }
+
+    /// Of these, how many are there as well as asked, on the disk now.
+    ///
+    /// # Errors
+    /// When a record is damaged.
+    pub fn there(&self, store: &Store) -> Result<u64> {
+        let mut texels = 0;
+        for part in &self.parts {
+            let surface = match part.surface {
+                Some(isovalue) => store.surface(isovalue)?,
+                None => None,
+            };
+            let store = surface.as_ref().unwrap_or(store);
+            for (chunk, counts) in &part.chunks {
+                let octants = store.chunk_extent(*chunk)?.unwrap_or_default().octants_of(&part.claim);
+                let there = (0..Octants::COUNT).filter(|&i| octants.contain(Octants::one(i)));
+                texels += there.map(|i| counts[i]).sum::<u64>();
+            }
+        }
+        Ok(texels)
+    }
 }

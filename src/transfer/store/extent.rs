@@ -5,6 +5,7 @@
 //! the order in which isosurfaces were asked for.
 
 use crate::error::{Error, Result};
+use crate::transfer::Octants;
 use serde_json::{Value, json};
 
 /// A standard error to stop at, and of what.
@@ -76,12 +77,15 @@ impl Baked {
 pub struct ChunkExtent {
     // Invariant: ascending by isovalue (every isosurface first), rays, error; none covers another.
     claims: Vec<Baked>,
+    // Claims about some octants only, where several processes bake one chunk. Invariant: ascending as `claims`, each once, no set
+    // empty or whole, none covered by a claim.
+    parts: Vec<(Baked, Octants)>,
 }
 
 impl ChunkExtent {
     /// One claim.
     pub fn new(isovalue: Option<f64>, rays: u32, target: Option<ErrorTarget>) -> Self {
-        Self { claims: vec![Baked { isovalue, rays, target }] }
+        Self { claims: vec![Baked { isovalue, rays, target }], parts: Vec::new() }
     }
 
     /// The claims, ascending by isovalue, those for every isosurface first; none covers another.
@@ -100,20 +104,68 @@ impl ChunkExtent {
             return;
         }
         self.claims.retain(|old| !claim.covers(old));
+        self.parts.retain(|(old, _)| !claim.covers(old));
         let place = self.claims.partition_point(|old| old.order(&claim).is_lt());
         self.claims.insert(place, claim);
     }
 
+    /// The octants for which a claim follows from those made.
+    pub fn octants_of(&self, asked: &Baked) -> Octants {
+        if self.covers(asked) {
+            return Octants::ALL;
+        }
+        let parts = self.parts.iter().filter(|(have, _)| have.covers(asked));
+        parts.fold(Octants::NONE, |all, (_, octants)| all.with(*octants))
+    }
+
+    /// Adds a claim about some octants; once all have it, it is one about the chunk.
+    pub fn add_part(&mut self, claim: Baked, octants: Octants) {
+        if self.octants_of(&claim).contain(octants) {
+            return;
+        }
+        let known = self.parts.iter().position(|(old, _)| *old == claim);
+        let octants = known.map_or(octants, |i| self.parts.remove(i).1.with(octants));
+        if octants == Octants::ALL {
+            return self.add(claim);
+        }
+        self.parts.retain(|(old, held)| !(claim.covers(old) && octants.contain(*held)));
+        let place = self.parts.partition_point(|(old, _)| old.order(&claim).is_lt());
+        self.parts.insert(place, (claim, octants));
+    }
+
+    /// What was asked of a chunk that claims this: claims about octants count as claims about all of it.
+    #[must_use]
+    pub fn asked(&self) -> Self {
+        let mut all = Self { claims: self.claims.clone(), parts: Vec::new() };
+        self.parts.iter().for_each(|(claim, _)| all.add(claim.clone()));
+        all
+    }
+
+    /// Whether it claims anything about some octants only.
+    pub fn is_partial(&self) -> bool {
+        !self.parts.is_empty()
+    }
+
     /// The claims as they stand in the record of a chunk.
     pub(super) fn to_json(&self) -> Value {
-        self.claims.iter().map(Baked::to_json).collect()
+        let part = |(claim, octants): &(Baked, Octants)| {
+            let mut record = claim.to_json();
+            record["octants"] = json!(octants.bits());
+            record
+        };
+        self.claims.iter().map(Baked::to_json).chain(self.parts.iter().map(part)).collect()
     }
 
     /// Reads what [`Self::to_json`] wrote.
     pub(super) fn from_json(record: &Value) -> Option<Self> {
-        let claims = record.as_array()?.iter().map(Baked::from_json);
         let mut extent = Self::default();
-        claims.collect::<Option<Vec<_>>>()?.into_iter().for_each(|claim| extent.add(claim));
+        for record in record.as_array()? {
+            let claim = Baked::from_json(record)?;
+            match &record["octants"] {
+                Value::Null => extent.add(claim),
+                octants => extent.add_part(claim, Octants::from_bits(octants.as_u64()?.try_into().ok()?)),
+            }
+        }
         Some(extent)
     }
 
@@ -137,10 +189,12 @@ impl ChunkExtent {
     /// Adds all claims of another extent.
     pub fn join(&mut self, other: &Self) {
         other.claims.iter().for_each(|claim| self.add(claim.clone()));
+        other.parts.iter().for_each(|(claim, octants)| self.add_part(claim.clone(), *octants));
     }
 
     pub(super) fn check(&self) -> Result<()> {
-        let numbers = self.claims.iter().flat_map(|c| c.isovalue.into_iter().chain(c.target.as_ref().map(|t| t.error)));
+        let claims = self.claims.iter().chain(self.parts.iter().map(|(claim, _)| claim));
+        let numbers = claims.flat_map(|c| c.isovalue.into_iter().chain(c.target.as_ref().map(|t| t.error)));
         match numbers.into_iter().find(|v| !v.is_finite()) {
             None => Ok(()),
             Some(bad) => Err(Error::argument("extent", bad, "finite isovalues and error target", "check the options")),
@@ -177,6 +231,36 @@ mod tests {
         // 30 at 16 follows from 30 at 64, and 60 at 0.02 from 60 at 0.01.
         assert_eq!(seen[0].claims().len(), 4);
         assert!(seen.iter().all(|extent| *extent == seen[0]));
+    }
+
+    #[test]
+    fn claims_about_octants_become_one_about_the_chunk() {
+        let asked = claim(Some(30.0), 64, None);
+        let (low, high) = (Octants::from_bits(0x0f), Octants::from_bits(0xf0));
+        let whole = ChunkExtent::new(Some(30.0), 64, None);
+        for order in [[low, high], [high, low]] {
+            let mut extent = ChunkExtent::default();
+            extent.add_part(asked.clone(), order[0]);
+            assert!(!extent.covers(&asked) && extent.is_partial() && extent.asked() == whole);
+            assert_eq!(extent.octants_of(&claim(Some(30.0), 16, None)), order[0]);
+            assert_eq!(extent.octants_of(&claim(Some(30.0), 128, None)), Octants::NONE);
+            assert_eq!(ChunkExtent::from_json(&extent.to_json()), Some(extent.clone()));
+            // Of two stores that were baked apart.
+            let mut other = ChunkExtent::default();
+            other.add_part(asked.clone(), order[1]);
+            extent.join(&other);
+            assert_eq!(extent, whole);
+        }
+        // What a better claim says already is not said twice.
+        let mut extent = ChunkExtent::default();
+        extent.add_part(asked.clone(), low);
+        extent.add_part(claim(Some(30.0), 16, None), low);
+        extent.add_part(asked.clone(), Octants::NONE);
+        assert_eq!(extent.to_json().as_array().map(Vec::len), Some(1));
+        extent.add(claim(None, 64, None));
+        assert!(!extent.is_partial());
+        let damaged = json!([{ "isovalue": 1.0, "rays": 4, "error": null, "error_of": null, "octants": 256 }]);
+        assert_eq!(ChunkExtent::from_json(&damaged), None);
     }
 
     #[test]

@@ -41,6 +41,9 @@ struct Locked {
 const COMMON: &str = crate::staging::LOCK;
 const SHARE: &str = ".lock-share-";
 const ADDING: &str = ".lock-adding";
+const CHUNK: &str = ".lock-chunk-";
+/// Behind the hidden name of a store in its folder.
+const MAKING: &str = ".making";
 
 /// Takes the lock of the store in `directory`.
 ///
@@ -72,6 +75,45 @@ pub(super) fn lock_share(directory: &Path, share: usize, shares: usize) -> Resul
 pub(super) fn adding(directory: &Path) -> Result<StoreLock> {
     let wait = |file: &File| file.lock().map_err(TryLockError::Error);
     Ok(StoreLock { _files: vec![take(directory, ADDING, wait)?] })
+}
+
+/// Who holds the store or a share of it, as their lock files say.
+pub(super) fn processes(directory: &Path) -> Vec<String> {
+    let mut found: Vec<(usize, String)> = Vec::new();
+    for entry in fs::read_dir(directory).into_iter().flatten().flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let share = name.strip_prefix(SHARE).and_then(|share| share.split_once("-of-"));
+        if share.is_none() && name != COMMON {
+            continue;
+        }
+        // A file that nobody locks is what a killed process left. Where shares hold the common one it is not locked for them alone.
+        let Ok(mut file) = File::open(entry.path()) else { continue };
+        let is_held = matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
+        let mut holder = String::new();
+        if !is_held || (&mut file).take(256).read_to_string(&mut holder).is_err() {
+            continue;
+        }
+        found.push(match share.and_then(|(i, n)| Some((i.parse().ok()?, n))) {
+            Some((i, n)) => (i, format!("share {i} of {n}, {}", holder.trim())),
+            None => (0, holder.trim().to_owned()),
+        });
+    }
+    found.sort();
+    found.into_iter().map(|(_, text)| text).collect()
+}
+
+/// Waits for the right to rewrite a chunk whose octants several shares bake.
+pub(super) fn chunk(directory: &Path, place: &str, [x, y, z]: [usize; 3]) -> Result<StoreLock> {
+    let wait = |file: &File| file.lock().map_err(TryLockError::Error);
+    let name = format!("{CHUNK}{}-{z}.{y}.{x}", place.replace('/', "-"));
+    Ok(StoreLock { _files: vec![take(directory, &name, wait)?] })
+}
+
+/// Waits for the right to make the store at `path`, so that of several processes one does and the others find it there.
+pub(super) fn making(path: &Path) -> Result<StoreLock> {
+    let wait = |file: &File| file.lock().map_err(TryLockError::Error);
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    Ok(StoreLock { _files: vec![take(crate::staging::folder_of(path), &format!(".{name}{MAKING}"), wait)?] })
 }
 
 fn take(directory: &Path, name: &str, try_lock: fn(&File) -> std::result::Result<(), TryLockError>) -> Result<Locked> {

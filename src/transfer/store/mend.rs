@@ -9,7 +9,8 @@
 use super::backing::{Backing, Directory};
 use super::joint::read_identity;
 use super::metadata::{
-    arrays, check_group, check_version, node_keys, node_name, nodes_of, required_json, root_about, sealed, unsealed,
+    arrays_of, check_group, check_version, node_keys, node_name, nodes_of, packing_of, required_json, root_about,
+    sealed, unsealed,
 };
 use super::surface::SURFACES;
 use super::zarr::FORMAT;
@@ -24,6 +25,14 @@ use std::path::Path;
 pub(super) fn describes(path: &Path, node: &str) -> bool {
     let backing = Backing::open(path);
     backing.is_ok_and(|backing| read_identity(&backing, &format!("transfer/{node}/env/zarr.json")).is_ok())
+}
+
+/// Whether the texture of a volume, or a surface of it, is packed, whatever the metadata say.
+pub(super) fn is_packed(path: &Path, node: &str) -> bool {
+    let has_planes = |place: &Path| place.join(super::packed::PACKED[0]).is_dir();
+    let surfaces = std::fs::read_dir(path.join(SURFACES).join(node)).into_iter().flatten().flatten();
+    has_planes(&path.join("transfer").join(node).join("env"))
+        || surfaces.map(|entry| entry.path()).any(|p| has_planes(&p))
 }
 
 /// Writes what is damaged or missing of the metadata and the samples of a volume in the store at `path`, and says what,
@@ -171,7 +180,7 @@ fn root(backing: &Backing, identity: &Identity, node: &str, nodes: Vec<(String, 
 /// The metadata of another volume of the store, as it stands on the disk.
 fn nodes_on_disk(backing: &Backing, node: &str) -> Result<Vec<(String, Value)>> {
     let (identity, _) = read_identity(backing, &format!("transfer/{node}/env/zarr.json"))?;
-    let keys = node_keys(node, &identity, &identity.layout()?)?;
+    let keys = node_keys(backing, node, &identity, &identity.layout()?)?;
     let own = keys.into_iter().map(|key| Ok((key.clone(), required_json(backing, &format!("{key}/zarr.json"))?)));
     let mut nodes = own.collect::<Result<Vec<_>>>()?;
     nodes.extend(surface::nodes_on_disk(backing, node, &identity)?);
@@ -243,14 +252,15 @@ pub(super) fn wrong_copies(backing: &Backing, held: &[String]) -> Result<Vec<Str
 /// Keys of groups and arrays whose own metadata is not what the identity implies.
 pub(super) fn wrong_nodes(backing: &Backing, node: &str, identity: &Identity, layout: &Layout) -> Result<Vec<String>> {
     let mut wrong = Vec::new();
-    for key in node_keys(node, identity, layout)? {
+    for key in node_keys(backing, node, identity, layout)? {
         let file = format!("{key}/zarr.json");
         let is_sound = match backing.json(&file) {
             Ok(Some(found)) => match key.rsplit_once('/') {
                 Some((group, name)) if group.starts_with("transfer/") && group.matches('/').count() == 2 => {
                     let of_group = identity.groups().into_iter().find(|g| group.ends_with(&format!("/{}", g.node())));
                     let layout = of_group.map_or_else(|| Ok(layout.clone()), |g| g.layout(layout))?;
-                    let array = arrays(&layout).into_iter().find(|(array, _)| *array == name);
+                    let packing = packing_of(backing, group, &layout.layers)?;
+                    let array = arrays_of(&layout, packing.as_ref()).into_iter().find(|(array, _)| *array == name);
                     array.is_some_and(|(_, array)| array.check(&found).is_ok())
                 }
                 Some((_, "data")) => unsealed(&found).is_ok(),

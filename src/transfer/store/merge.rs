@@ -30,6 +30,7 @@ impl StoreOptions {
         };
         let mut names: Vec<String> = Vec::new();
         for store in sources {
+            store.check_not_packed()?;
             names.extend(store.volumes()?.into_iter().filter(|name| !names.contains(name)).collect::<Vec<_>>());
         }
         // The parts of each volume, with the store that they come from.

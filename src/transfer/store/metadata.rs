@@ -4,8 +4,9 @@
 use super::backing::Backing;
 use super::chunk::ARRAYS;
 use super::identity::{FORMAT_VERSION, Identity, OLDEST_FORMAT_VERSION};
+use super::packed::{self, Packing};
 use super::surface::SURFACES;
-use super::zarr::{self, Array, FORMAT, METADATA_REMEDY};
+use super::zarr::{self, Array, Codec, FORMAT, METADATA_REMEDY};
 use super::{joint, volume};
 use crate::error::{Error, Result};
 use crate::transfer::{Layers, Layout};
@@ -46,6 +47,7 @@ pub(super) fn arrays(layout: &Layout) -> [(&'static str, Array); 4] {
             data_type,
             fill,
             names: names.iter().copied().chain(last.map(|(_, name)| name)).collect(),
+            codec: Codec::Plain,
         }
     };
     let arrays = [
@@ -56,6 +58,23 @@ pub(super) fn arrays(layout: &Layout) -> [(&'static str, Array); 4] {
     ];
     let mut names = ARRAYS.into_iter();
     arrays.map(|array| (names.next().map_or("", |(name, _)| name), array))
+}
+
+/// The arrays of a group as they stand on the disk: packed or not.
+pub(super) fn arrays_of(layout: &Layout, packing: Option<&Packing>) -> Vec<(&'static str, Array)> {
+    if packing.is_some() { packed::arrays(layout) } else { arrays(layout).into() }
+}
+
+/// How a group was packed, by its own metadata; `None` where it was not, or says nothing that can be read.
+pub(super) fn packing_of(backing: &Backing, place: &str, layers: &Layers) -> Result<Option<Packing>> {
+    let key = format!("{place}/zarr.json");
+    let in_file = |e: Error| e.in_file(backing.name(&key));
+    let group = required_json(backing, &key)?;
+    // The attributes are verified where a packing is read, and else where they are used.
+    if group["attributes"]["packing"].is_null() {
+        return Ok(None);
+    }
+    packed::from_attributes(&unsealed(&group).map_err(in_file)?, layers).map_err(in_file)
 }
 
 /// Writes everything of a store but its chunks.
@@ -139,12 +158,15 @@ pub(super) fn nodes_of(
 }
 
 /// The keys of [`nodes_of`], in its order.
-pub(super) fn node_keys(node: &str, identity: &Identity, layout: &Layout) -> Result<Vec<String>> {
+pub(super) fn node_keys(backing: &Backing, node: &str, identity: &Identity, layout: &Layout) -> Result<Vec<String>> {
     let above = ["volumes".into(), format!("volumes/{node}"), format!("volumes/{node}/data"), "transfer".into()];
     let mut keys: Vec<String> = above.into_iter().chain([format!("transfer/{node}")]).collect();
     for group in identity.groups() {
         let place = format!("transfer/{node}/{}", group.node());
-        let names = arrays(&group.layout(layout)?).map(|(name, _)| format!("{place}/{name}"));
+        let layout = group.layout(layout)?;
+        let packing = packing_of(backing, &place, &layout.layers)?;
+        let names: Vec<String> =
+            arrays_of(&layout, packing.as_ref()).iter().map(|(name, _)| format!("{place}/{name}")).collect();
         keys.push(place);
         keys.extend(names);
     }

@@ -62,6 +62,8 @@ mod mend;
 mod merge;
 mod metadata;
 mod options;
+mod pack;
+mod packed;
 mod replace;
 mod surface;
 mod verify;
@@ -71,7 +73,7 @@ mod zarr;
 #[cfg(test)]
 mod tests;
 
-pub use complete::Completeness;
+pub use complete::{Completeness, Work};
 pub use diagnose::{Diagnosis, diagnose};
 pub use estimator::{EstimatorIdentity, Shadows, Surroundings};
 pub use extent::{Baked, ChunkExtent, ErrorTarget};
@@ -81,6 +83,8 @@ pub use joint::{CouplingIdentity, PartnerIdentity};
 pub use lock::StoreLock;
 pub use merge::MergeReport;
 pub use options::StoreOptions;
+pub use pack::{PackError, PackReport, PackedGroup};
+pub use packed::{BAKED, Packing};
 pub use replace::Replacement;
 pub use verify::ChunkCheck;
 pub use volume::FRONT_NOT_RECORDED;
@@ -92,12 +96,12 @@ use crate::volume::Volume;
 use backing::{Backing, Directory};
 use chunk::OpenChunk;
 use metadata::{
-    arrays, check_chunks, check_group, check_provenance, check_version, check_volume, hash_of, open_root,
-    required_json, sealed, unsealed, write_skeleton,
+    arrays_of, check_chunks, check_group, check_provenance, check_version, check_volume, hash_of, open_root,
+    packing_of, required_json, sealed, unsealed, write_skeleton,
 };
 use serde_json::{Value, json};
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock};
 use surface::Mark;
 use zarr::{FORMAT, METADATA_REMEDY};
 
@@ -124,6 +128,10 @@ pub struct Store {
     group: Group,
     /// Of a store of the vertices of an isosurface.
     surface: Option<Mark>,
+    /// Of a group whose chunks are packed.
+    packing: Option<Packing>,
+    /// One thread at a time expands a chunk: by its linear index, modulo their number.
+    turns: [Mutex<()>; 16],
 }
 
 impl Store {
@@ -208,11 +216,14 @@ impl Store {
         check_version(&json!(identity.format_version)).map_err(in_file)?;
         let layout = identity.layout().map_err(in_file)?;
         let count = check_chunks(&layout)?;
-        for (name, array) in arrays(&layout) {
+        let packing = packing_of(&backing, &env, &layout.layers)?;
+        for (name, array) in arrays_of(&layout, packing.as_ref()) {
             let key = format!("{env}/{name}/zarr.json");
             array.check(&required_json(&backing, &key)?).map_err(|e| e.in_file(backing.name(&key)))?;
         }
         Ok(Self {
+            packing,
+            turns: Default::default(),
             provenance: attributes["provenance"].take(),
             chunks: std::iter::repeat_with(OnceLock::new).take(count).collect(),
             data: format!("volumes/{node}/data"),
@@ -289,11 +300,14 @@ impl Store {
             (_, Some(_)) => format!("{}/{}", self.env, group.node()),
             (_, None) => format!("{}/{}", self.env.rsplit_once('/').map_or("", |(folder, _)| folder), group.node()),
         };
-        for (name, array) in arrays(&layout) {
+        let packing = packing_of(&backing, &env, &layout.layers)?;
+        for (name, array) in arrays_of(&layout, packing.as_ref()) {
             let key = format!("{env}/{name}/zarr.json");
             array.check(&required_json(&backing, &key)?).map_err(|e| e.in_file(backing.name(&key)))?;
         }
         Ok(Self {
+            packing,
+            turns: Default::default(),
             backing,
             identity: self.identity.clone(),
             identity_hash: self.identity_hash.clone(),
@@ -329,6 +343,28 @@ impl Store {
         self.backing.path()
     }
 
+    /// How its transfer was packed; `None` where it is kept as it was baked.
+    pub fn packing(&self) -> Option<&Packing> {
+        self.packing.as_ref()
+    }
+
+    /// Refuses to write into a packed store.
+    ///
+    /// # Errors
+    /// When it is one.
+    pub fn check_not_packed(&self) -> Result<()> {
+        if self.packing.is_none() {
+            return Ok(());
+        }
+        let remedy = "bake into the store that it was made of and pack that again, or give another output with -o";
+        Err(Error::argument(
+            "store",
+            format!("{}, which is packed", self.path().display()),
+            "a store that is not",
+            remedy,
+        ))
+    }
+
     /// Forgets which chunks were opened, so that bricks written since are seen.
     pub fn refresh(&mut self) {
         self.chunks.iter_mut().for_each(|cell| *cell = OnceLock::new());
@@ -350,6 +386,19 @@ impl Store {
     /// As [`Self::lock`].
     pub fn lock_share(&self, share: usize, shares: usize) -> Result<StoreLock> {
         lock::lock_share(self.directory()?.path(), share, shares)
+    }
+
+    /// Who fills the store now: `share 3 of 16, process 71 on node7`, one a process, ascending.
+    pub fn processes(&self) -> Vec<String> {
+        self.directory().map(|directory| lock::processes(directory.path())).unwrap_or_default()
+    }
+
+    /// Waits for the right to rewrite a chunk that other shares rewrite too; let go when dropped.
+    ///
+    /// # Errors
+    /// When the store is an archive, or the file system has no locks.
+    pub fn lock_chunk(&self, index: [usize; 3]) -> Result<StoreLock> {
+        lock::chunk(self.directory()?.path(), &self.env, index)
     }
 
     fn directory(&self) -> Result<&Directory> {

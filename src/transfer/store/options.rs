@@ -4,6 +4,7 @@ use super::joint::{coupling_text, expects};
 use super::metadata::{check_chunks, check_provenance, check_volume, node_name, nodes_of};
 use super::{Identity, Store, lock, mend};
 use crate::error::{Error, Result};
+use crate::staging;
 use crate::volume::Volume;
 use serde_json::Value;
 use std::path::Path;
@@ -66,10 +67,10 @@ impl StoreOptions {
     ) -> Result<Store> {
         let path = path.as_ref();
         if path.symlink_metadata().is_err() {
-            match self.create(path, volume, identity, provenance.clone()) {
-                // Another process was quicker.
-                Err(Error::Io { .. } | Error::Argument { .. }) if path.join("zarr.json").is_file() => {}
-                result => return result,
+            // Of shares that begin at once the first makes the store, and writes the volume once; the others wait for it.
+            let _making = if staging::folder_of(path).is_dir() { Some(lock::making(path)?) } else { None };
+            if path.symlink_metadata().is_err() {
+                return self.create(path, volume, identity, provenance);
             }
         }
         self.open_mended(path, volume, identity, provenance)
@@ -130,7 +131,9 @@ impl StoreOptions {
 
     /// Opens what is there, after mending its metadata and its samples from the volume given.
     fn open_mended(self, path: &Path, volume: &Volume, identity: &Identity, provenance: Value) -> Result<Store> {
-        let mended = match path.is_dir() {
+        // What is packed does not follow from volume and identity: it is packed again, not mended.
+        let is_packed = mend::is_packed(path, &node_name(&volume.name));
+        let mended = match path.is_dir() && !is_packed {
             true => mend::mend(path, volume, identity, provenance, self)?,
             false => Vec::new(),
         };

@@ -76,7 +76,7 @@ fn take_over(old: &Path, new: &Path, below: &str) -> std::io::Result<()> {
                 continue;
             }
             // A folder beside those of the store is somebody else's, empty or not.
-            if !matches!(key.split('/').next(), Some("volumes" | "transfer")) {
+            if !matches!(key.split('/').next(), Some("volumes" | "transfer" | "surfaces")) {
                 staging::make_directories(&to, false)?;
             }
             take_over(&entry.path(), &to, &key)?;
@@ -109,7 +109,25 @@ fn is_owned(key: &str) -> bool {
         ["transfer", _, _, "transfer" | "stderr" | "validity" | "rays", "c", rest @ ..] => numbers(rest),
         ["transfer", _, _, "rays", "extent", file] | ["transfer", _, _, "extent", file] => file.ends_with(".json"),
         ["transfer", _, _, "rays", file] | ["transfer", _, _, file] => {
-            matches!(*file, "asked.json" | "allocation.json")
+            matches!(*file, "asked.json" | "allocation.json") || file.starts_with("checks-")
+        }
+        ["transfer", _, _, "low" | "high", "c", rest @ ..] => numbers(rest),
+        ["surfaces", ..] => is_owned_by_surface(&parts[1..]),
+        _ => false,
+    }
+}
+
+/// Whether a file below the folder of surfaces is one that surfaces have.
+fn is_owned_by_surface(parts: &[&str]) -> bool {
+    let is_number = |part: &&str| part.bytes().all(|b| b.is_ascii_digit());
+    let of_bake = |file: &str| ["asked.json", "allocation.json"].contains(&file) || file.starts_with("checks-");
+    match parts {
+        [middle @ .., "zarr.json"] => middle.len() <= 4,
+        [_, _, below @ ..] => {
+            let at = below.iter().position(|part| *part == "c");
+            at.is_some_and(|at| (1..=2).contains(&at) && below[at + 1..].iter().all(is_number))
+                || matches!(below, [.., "rays", "extent", file] if file.ends_with(".json"))
+                || matches!(below, [.., "rays", file] if of_bake(file))
         }
         _ => false,
     }
@@ -152,12 +170,29 @@ mod tests {
             "transfer/a/env/extent/0.1.2.json",
             "transfer/a/env/rays/asked.json",
             "transfer/a/env/allocation.json",
+            "transfer/a/env/rays/checks-90.json",
+            "transfer/a/env/rays/checks-all.bin",
+            "transfer/a/env/low/c/3/0/0",
+            "surfaces/zarr.json",
+            "surfaces/a/90/positions/zarr.json",
+            "surfaces/a/90/luminaire.x/transfer/zarr.json",
+            "surfaces/a/90/triangles/c/0/0",
+            "surfaces/a/90/high/c/0/0/0",
+            "surfaces/a/90/emission/rays/c/0",
+            "surfaces/a/-0.5/rays/extent/0.0.1.json",
+            "surfaces/a/-0.5/rays/checks--0.5.bin",
         ] {
             assert!(is_owned(own), "{own}");
         }
-        for other in
-            ["notes.txt", "volumes/notes.txt", "transfer/a/env/transfer/c/x", "volumes/a/data/c/0/1", "a/zarr.json"]
-        {
+        for other in [
+            "notes.txt",
+            "surfaces/a/notes.txt",
+            "surfaces/a/90/positions/x",
+            "volumes/notes.txt",
+            "transfer/a/env/transfer/c/x",
+            "volumes/a/data/c/0/1",
+            "a/zarr.json",
+        ] {
             assert!(!is_owned(other), "{other}");
         }
     }

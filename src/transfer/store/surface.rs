@@ -7,10 +7,10 @@
 //! mesh is never taken for its own.
 
 use super::metadata::{
-    HARMONICS, MEANING, MEANING_OF_CHANNELS, MEANING_OF_GROUPS, arrays, check_group, layers_about, required_json,
-    sealed, unsealed,
+    HARMONICS, MEANING, MEANING_OF_CHANNELS, MEANING_OF_GROUPS, arrays, arrays_of, check_group, layers_about,
+    packing_of, required_json, sealed, unsealed,
 };
-use super::zarr::{self, Array, CHECKSUM, FORMAT};
+use super::zarr::{self, Array, CHECKSUM, Codec, FORMAT};
 use super::{Backing, Identity, Store, lock};
 use crate::error::{Error, Result};
 use crate::geom::Affine;
@@ -87,6 +87,7 @@ fn array(name: &str, rows: usize) -> Array {
         data_type,
         fill,
         names: vec![first, if name == TRIANGLES { "corner" } else { "xyz" }],
+        codec: Codec::Plain,
     }
 }
 
@@ -236,7 +237,8 @@ impl Store {
 
     fn open_surface(&self, place: String, mark: Mark, vertices: usize) -> Result<Self> {
         let layout = Layout { lattice: Lattice::of_vertices(vertices), layers: self.layout.layers.clone() };
-        for (name, array) in arrays(&layout) {
+        let packing = packing_of(&self.backing, &place, &layout.layers)?;
+        for (name, array) in arrays_of(&layout, packing.as_ref()) {
             let key = format!("{place}/{name}/zarr.json");
             array.check(&required_json(&self.backing, &key)?).map_err(|e| e.in_file(self.backing.name(&key)))?;
         }
@@ -254,6 +256,8 @@ impl Store {
             layout,
             group: Group::Environment,
             surface: Some(mark),
+            packing,
+            turns: Default::default(),
         })
     }
 
@@ -317,6 +321,16 @@ impl Store {
         let place = format!("{}/{}", self.surfaces_key(), node_of(isovalue));
         let (vertices, triangles) = (mesh.positions_in_grid.len(), mesh.triangles.len());
         let mark = Mark { isovalue, mesh: hash_of_mesh(mesh), triangles };
+        if self.packing.is_some() {
+            return match read_mark(&self.backing, &place, &self.identity_hash) {
+                Ok((found, _)) if found == mark => self.open_surface(place, mark, vertices),
+                Ok(_) | Err(Error::Format { .. }) => {
+                    self.check_not_packed()?;
+                    self.open_surface(place, mark, vertices)
+                }
+                Err(other) => Err(other),
+            };
+        }
         let _adding = lock::adding(&root)?;
         match read_mark(&self.backing, &place, &self.identity_hash) {
             Ok((found, _)) if found != mark => {
@@ -379,6 +393,38 @@ impl Store {
     }
 }
 
+/// A node of a surface as it is where the surface, or a group of it, is packed: groups say so, and have other arrays.
+fn as_packed(
+    backing: &Backing,
+    key: String,
+    mut value: Value,
+    layout: &Layout,
+    identity: &Identity,
+) -> Result<Vec<(String, Value)>> {
+    let (above, name) = key.rsplit_once('/').unwrap_or_default();
+    if value["node_type"] == "group" {
+        let stored = required_json(backing, &format!("{key}/zarr.json"))?["attributes"]["packing"].take();
+        if !stored.is_null() {
+            let mut attributes = unsealed(&value)?;
+            attributes["packing"] = stored;
+            value["attributes"] = sealed(attributes);
+        }
+        return Ok(vec![(key, value)]);
+    }
+    let of_group = identity.groups().into_iter().skip(1).find(|group| above.ends_with(&format!("/{}", group.node())));
+    let layout = of_group.map_or_else(|| Ok(layout.clone()), |group| group.layout(layout))?;
+    let is_of_mesh = [POSITIONS, IN_GRID, NORMALS, TRIANGLES].contains(&name);
+    match if is_of_mesh { None } else { packing_of(backing, above, &layout.layers)? } {
+        None => Ok(vec![(key, value)]),
+        // All at once in the place of the first.
+        Some(packing) if name == "transfer" => {
+            let arrays = arrays_of(&layout, Some(&packing)).into_iter();
+            Ok(arrays.map(|(name, array)| (format!("{above}/{name}"), array.metadata(json!({})))).collect())
+        }
+        Some(_) => Ok(Vec::new()),
+    }
+}
+
 /// The metadata that all surfaces of a volume should have, in the order of their names, after what they say of themselves.
 fn expected_nodes(backing: &Backing, node: &str, identity: &Identity) -> Result<Vec<(String, Value)>> {
     let folder = format!("{SURFACES}/{node}");
@@ -393,7 +439,9 @@ fn expected_nodes(backing: &Backing, node: &str, identity: &Identity) -> Result<
         let place = format!("{folder}/{name}");
         let (mark, vertices) = read_mark(backing, &place, &identity.hash())?;
         let layout = Layout { lattice: Lattice::of_vertices(vertices), layers: layers.clone() };
-        nodes.extend(nodes_of_surface(&place, &mark, vertices, identity, &layout)?);
+        for (key, value) in nodes_of_surface(&place, &mark, vertices, identity, &layout)? {
+            nodes.extend(as_packed(backing, key, value, &layout, identity)?);
+        }
     }
     Ok(nodes)
 }

@@ -84,7 +84,7 @@ impl Store {
 
     /// The `transfer` shard that is missing where other files of the chunk are there.
     pub(super) fn orphan(&self, index: [usize; 3]) -> Option<String> {
-        let others = (1..ARRAYS.len()).map(|array| self.shard_key(array, index)).chain([self.extent_key(index)]);
+        let others = (1..self.array_count()).map(|array| self.shard_key(array, index)).chain([self.extent_key(index)]);
         let is_orphan = others.into_iter().any(|key| self.backing.exists(&key));
         is_orphan.then(|| self.backing.name(&self.shard_key(0, index)).display().to_string())
     }
@@ -95,6 +95,7 @@ impl Store {
     /// # Errors
     /// When the store is an archive or the system refuses.
     pub fn set_aside(&self, index: [usize; 3]) -> Result<()> {
+        self.check_not_packed()?;
         let root = self.directory()?;
         root.check()?;
         let place = self.set_aside_folder(index)?;
@@ -188,7 +189,7 @@ impl Store {
         let [cx, cy, cz] = self.layout.lattice.chunks();
         for i in 0..cx * cy * cz {
             match self.chunk_extent(grid3::at([cx, cy], i)) {
-                Ok(Some(extent)) => all.join(&extent),
+                Ok(Some(extent)) => all.join(&extent.asked()),
                 Ok(None) | Err(Error::Format { .. } | Error::Limit { .. }) => {}
                 Err(other) => return Err(other),
             }
@@ -199,7 +200,7 @@ impl Store {
     /// The note alone; `None` if there is none that can be read.
     fn read_asked(&self) -> Result<Option<ChunkExtent>> {
         match self.record(ASKED) {
-            Ok(record) => Ok(record.as_ref().and_then(ChunkExtent::from_json)),
+            Ok(record) => Ok(record.as_ref().and_then(ChunkExtent::from_json).map(|asked| asked.asked())),
             Err(Error::Format { .. } | Error::Limit { .. }) => Ok(None),
             Err(other) => Err(other),
         }

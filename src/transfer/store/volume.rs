@@ -8,7 +8,7 @@
 
 use super::backing::Backing;
 use super::identity::solid_name;
-use super::zarr::{self, Array, CHECKSUM, FORMAT, METADATA_REMEDY};
+use super::zarr::{self, Array, CHECKSUM, Codec, FORMAT, METADATA_REMEDY};
 use crate::error::{Error, Result};
 use crate::geom::{Affine, Up};
 use crate::volume::{LengthUnit, Note, Samples, Solid, Volume};
@@ -68,6 +68,7 @@ pub(super) fn array(dims: [usize; 3], data_type: &'static str) -> Array {
         data_type,
         fill: if data_type == "float32" { json!(0.0) } else { json!(0) },
         names: vec!["z", "y", "x"],
+        codec: Codec::Plain,
     }
 }
 

@@ -65,7 +65,22 @@ pub(super) struct Array {
     pub fill: Value,
     /// Names of the axes.
     pub names: Vec<&'static str>,
+    /// How the bytes of a chunk become those of its file.
+    pub codec: Codec,
 }
+
+/// What stands between little-endian numbers and their checksum in a file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Codec {
+    /// Nothing.
+    #[default]
+    Plain,
+    /// A gzip stream.
+    Gzip,
+}
+
+/// Level of compression.
+pub(super) const GZIP_LEVEL: u32 = 6;
 
 impl Array {
     /// The array's `zarr.json`.
@@ -75,6 +90,10 @@ impl Array {
         let plain = json!([{ "name": "bytes" }, { "name": "crc32c" }]);
         let inner_codecs = if matches!(self.data_type, "uint8" | "int8") { &plain } else { &codecs };
         let codecs = match &self.inner {
+            None if self.codec == Codec::Gzip => {
+                let gzip = json!({ "name": "gzip", "configuration": { "level": GZIP_LEVEL } });
+                json!([inner_codecs[0], gzip, inner_codecs[1]])
+            }
             None => inner_codecs.clone(),
             Some(inner) => json!([{ "name": "sharding_indexed", "configuration": {
                 "chunk_shape": inner,

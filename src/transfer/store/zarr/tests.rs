@@ -37,6 +37,7 @@ fn an_array_that_differs_is_named() {
         data_type: "uint8",
         fill: json!(0),
         names: vec!["z", "y", "x"],
+        codec: Codec::Plain,
     };
     let mut found = array.metadata(json!({ "anything": 1 }));
     array.check(&found).unwrap();
