@@ -7,7 +7,7 @@ use super::coverage_sample::{ALBEDO, Estimate, Found};
 use glam::{DMat3, DVec3};
 use isolume::level::Pyramid;
 use isolume::probe::{self, Orientation};
-use isolume::relight::{Light, LuminaireLight, Material, Textures, contract};
+use isolume::relight::{LayerFactors, Light, LuminaireLight, Material, Textures, contract};
 use isolume::scene::geometry::{Among, Geometry, Partner};
 use isolume::scene::medium::{Body, Medium, Phase};
 use isolume::scene::{Coupled, Coupling, IsovalueMap, SceneDescription};
@@ -110,7 +110,14 @@ impl SceneSubject {
         bake(&job, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
             textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
         })?;
-        let material = Material::new([ALBEDO; 3], [0.0; 3])?;
+        let mut material = Material::new([ALBEDO; 3], [0.0; 3])?;
+        if self.geometry.body().is_some() {
+            let mut factors = [[0.0; 3]; isolume::transfer::MAX_LAYERS];
+            factors[0] = [1.0; 3];
+            material.layers = LayerFactors::Given(factors);
+        } else if !self.geometry.media().is_empty() {
+            material.layers = LayerFactors::ReflectionsInMedia;
+        }
         let mut found: Vec<Found> = self.texels.iter().map(|_| Found { numbers: Vec::new(), equal: false }).collect();
         for (light, power) in lights {
             let exponents = self.geometry.exponents(&self.volume);

@@ -32,6 +32,7 @@ impl Request<'_> {
             fingerprint: geometry.fingerprint().into(),
             luminaires: geometry.luminaires().iter().map(|l| l.name.clone()).collect(),
             exponents: geometry.exponents(self.volume),
+            media: !geometry.media().is_empty(),
             body: geometry.body().map(|body| BodyIdentity {
                 index: body.index,
                 nodes: body.nodes.clone(),

@@ -3,7 +3,7 @@
 use super::text;
 use crate::bake::{ESCAPE, PhotonReport, Report};
 use crate::transfer::store::ErrorTarget;
-use crate::transport::{Bias, MOST_SPECULAR, MOST_TURNS};
+use crate::transport::{Bias, MOST_SPECULAR, MOST_TURNS, SceneCounts};
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -244,6 +244,11 @@ fn rays_by_effect(report: &Report) -> [u64; 2] {
     }
 }
 
+/// Rays that went through media, and meetings with them.
+fn counts_of_media(c: &SceneCounts) -> u64 {
+    c.medium_rays + c.collisions
+}
+
 fn effects_line(report: &Report) -> String {
     let [first, later] = rays_by_effect(report).map(|n| text::metric(n as f64));
     let s = &report.summary;
@@ -259,12 +264,20 @@ fn effects_line(report: &Report) -> String {
                 text::count(c.buried)
             ),
         };
+        let in_media = match counts_of_media(c) {
+            0 => String::new(),
+            _ => format!(
+                "media {}rays, {}collisions; ",
+                text::metric(c.medium_rays as f64),
+                text::metric(c.collisions as f64)
+            ),
+        };
         let among_mirrors = match c.lost_specular + c.lost_turns {
             0 => String::new(),
             lost => format!(", {} were cut among mirrors and glass", text::count(lost)),
         };
         return format!(
-            "shadowing {first}rays, interreflection {later}rays, walls {walls}rays, luminaires {lights}rays; {partners}{} \
+            "shadowing {first}rays, interreflection {later}rays, walls {walls}rays, luminaires {lights}rays; {partners}{in_media}{} \
              paths ended on a cut through the solid{among_mirrors}",
             text::count(c.cut)
         );
@@ -299,7 +312,10 @@ fn effects_json(report: &Report) -> Value {
             "photons": 0, "specular_hits": counts.specular_hits,
             "lost_specular": counts.lost_specular, "lost_turns": counts.lost_turns,
         },
-        "media": { "rays": 0 },
+        "media": {
+            "rays": counts.medium_rays, "cells": counts.medium_cells, "collisions": counts.collisions,
+            "entries": counts.entries,
+        },
         "sun-split": { "rays": 0 },
     })
 }

@@ -58,6 +58,8 @@ pub enum LayerFactors {
     /// Layer k is the light that the level set reflected k times: ρ^(k+1), with a tail beyond the last.
     #[default]
     Reflections,
+    /// The same where media scatter light between reflections: what differs is the noise that is stated.
+    ReflectionsInMedia,
     /// These, in red, green and blue, of a solid that light passes through: its surface has no albedo, and there is no tail.
     Given([[f32; 3]; MAX_LAYERS]),
 }
@@ -90,7 +92,9 @@ impl Material {
     /// What layer k counts for in a channel.
     pub(crate) fn factor(&self, k: usize, channel: usize) -> f64 {
         match &self.layers {
-            LayerFactors::Reflections => (0..=k).fold(1.0, |power, _| power * f64::from(self.albedo[channel])),
+            LayerFactors::Reflections | LayerFactors::ReflectionsInMedia => {
+                (0..=k).fold(1.0, |power, _| power * f64::from(self.albedo[channel]))
+            }
             LayerFactors::Given(factors) => f64::from(factors[k][channel]),
         }
     }
@@ -105,7 +109,12 @@ impl Material {
 
     /// Whether layers beyond the last are taken to go on as those before.
     pub(crate) fn has_tail(&self) -> bool {
-        self.layers == LayerFactors::Reflections
+        !matches!(self.layers, LayerFactors::Given(_))
+    }
+
+    /// Whether a path that ends elsewhere may do so anywhere, and not only after more reflections.
+    pub(crate) fn scatters(&self) -> bool {
+        self.layers != LayerFactors::Reflections
     }
 
     /// Radiance of a surface that nothing hides from the light, as it is where no transfer is found.

@@ -67,8 +67,9 @@ pub(super) struct LayerNoise {
 /// The weights of one contraction for the variance.
 pub(super) struct NoiseWeights {
     pub(super) layers: Vec<LayerNoise>,
-    // Whether paths that end elsewhere bring what later layers do.
-    trades: bool,
+    // Whether paths that end elsewhere bring what all do in the mean, instead of what later layers do: in media a path whose
+    // direction differs comes from another place of the same layer.
+    scatters: bool,
 }
 
 impl NoiseWeights {
@@ -105,7 +106,7 @@ impl NoiseWeights {
                 mean_square: (gain.energy() / (4.0 * std::f64::consts::PI)) as f32,
             });
         }
-        Self { layers: noise, trades: material.has_tail() }
+        Self { layers: noise, scatters: material.scatters() }
     }
 
     /// Variance of the mean of the channels of each texel of a block, from the first coefficients of its layers, their
@@ -125,12 +126,24 @@ impl NoiseWeights {
                 continued[j] += mean(red[j], green[j], blue[j]);
             }
         }
+        // Of all layers.
+        let mut all = continued;
+        let [red, green, blue, _] = &contracted[0];
+        for j in 0..LANES {
+            all[j] += mean(red[j], green[j], blue[j]);
+        }
         let (mut continuation, mut tail_gain) = ([0.0; LANES], [0.0; LANES]);
         let [red, green, blue, _] = &contracted[last];
         for j in 0..LANES {
             let blocked = 1.0 - ROOT_FOUR_PI * first[0][j];
             let ratio = not_below_zero(continued[j] / blocked);
-            continuation[j] = if self.trades && blocked > 1e-6 { ratio } else { 0.0 };
+            continuation[j] = if self.scatters {
+                all[j]
+            } else if blocked > 1e-6 {
+                ratio
+            } else {
+                0.0
+            };
             let within = mean(red[j], green[j], blue[j]);
             let gain = 1.0 + not_below_zero(tail.beyond[j] / within);
             tail_gain[j] = if within > 0.0 { gain } else { 1.0 };

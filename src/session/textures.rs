@@ -115,11 +115,13 @@ pub fn radiance_of_bricks(
 /// The material as the layers of a store count: of a translucent solid those of its medium's albedo, that of the bake where none
 /// was chosen ([`with_medium_albedo`]).
 pub(super) fn settled(store: &Store, material: &Material) -> Material {
-    let body = store.identity().scene.as_ref().and_then(|scene| scene.body.as_ref());
-    match body.filter(|_| material.layers == LayerFactors::Reflections) {
-        Some(body) => Material { layers: factors_of(body, body.albedo), ..*material },
-        None => *material,
-    }
+    let scene = store.identity().scene.as_ref().filter(|_| material.layers == LayerFactors::Reflections);
+    let layers = match scene {
+        Some(scene) if scene.body.is_some() => scene.body.as_ref().map(|body| factors_of(body, body.albedo)),
+        Some(scene) if scene.media => Some(LayerFactors::ReflectionsInMedia),
+        _ => None,
+    };
+    Material { layers: layers.unwrap_or(material.layers), ..*material }
 }
 
 /// Factors of the layers of a translucent solid at an albedo of its medium.

@@ -171,6 +171,7 @@ fn identity(luminaires: &[&str]) -> SceneIdentity {
         luminaires: luminaires.iter().map(|name| (*name).into()).collect(),
         exponents: vec![0; luminaires.len()],
         coupling: None,
+        media: false,
         body: None,
     }
 }

@@ -180,7 +180,7 @@ fn a_mistake_names_file_line_and_remedy() {
         ("volume = \"bumpbox:8\"\n[bake]\nrays = \"many\"\n", "s.toml:3:", &["whole number"]),
         ("volume = 7\n", "s.toml:1:", &["volume = 7", "text"]),
         ("volume = \"bumpbox:8\"\n[walls]\n", "s.toml:2:", &["tables", "[[walls]]"]),
-        ("volume = \"bumpbox:8\"\n[media]\n", "s.toml:2:", &["media are not supported yet"]),
+        ("volume = \"bumpbox:8\"\n[media]\n", "s.toml:2:", &["the key `media`"]),
         (
             "volume = \"bumpbox:8\"\n[[walls]]\nshape = \"room\"\nmin = [0, 0, 0]\nmax = [1, 1, 1]\nalbedo = 1.2\n",
             "s.toml:6:",

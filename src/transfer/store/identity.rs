@@ -61,6 +61,9 @@ pub struct SceneIdentity {
     /// The volumes beside this one whose level sets light it; none where it stands alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coupling: Option<CouplingIdentity>,
+    /// Whether media lie between surfaces.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub media: bool,
     /// The solid of the volume, where light passes through it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub body: Option<BodyIdentity>,

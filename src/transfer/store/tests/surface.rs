@@ -172,6 +172,7 @@ fn groups_of_a_scene_lie_below_their_surface() {
         luminaires: vec!["lamp".into()],
         exponents: vec![3],
         coupling: None,
+        media: false,
         body: None,
     };
     let identity = Identity { scene: Some(scene), ..identity() };
