@@ -12,12 +12,13 @@ use clap::Subcommand;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Look at environment images: show, project, rotate, check
+/// Look at environment images: show, project, rotate, convert, check
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume env show courtyard
   isolume env project sunset.exr --bands 3 -o sunset.json
   isolume env rotate studio --env-rotate 90 -o turned.hdr
+  isolume env convert room.exr -o room.hdr
   isolume env check studio.exr")]
 pub(super) struct Env {
     #[command(subcommand)]
@@ -72,6 +73,17 @@ enum Action {
         #[arg(short, long, value_name = "FILE.hdr")]
         output: PathBuf,
     },
+    /// Write an environment of any format and layout as a lat-long .hdr
+    ///
+    /// For programs that do not read all OpenEXR files, such as a page in one file, which reads no DWAA and DWAB.
+    #[command(after_help = "Example:\n  isolume env convert room.exr -o room.hdr")]
+    Convert {
+        #[command(flatten)]
+        source: Source,
+        /// File to write, .hdr
+        #[arg(short, long, value_name = "FILE.hdr")]
+        output: PathBuf,
+    },
     /// Exit with 1 and say why if the environment is unusual
     #[command(after_help = "Example:\n  isolume env check studio.exr")]
     Check {
@@ -102,6 +114,10 @@ impl Env {
             Action::Rotate { source, env_rotate, output } => {
                 source.refuse(output)?;
                 rotate(&source.open()?, *env_rotate, output, console)
+            }
+            Action::Convert { source, output } => {
+                source.refuse(output)?;
+                convert(&source.open()?, output, console)
             }
             Action::Check { source } => check(&source.open()?, console),
         }
@@ -227,23 +243,42 @@ fn turned(image: &LatLong, degrees: f64) -> Result<LatLong> {
 }
 
 fn rotate(probe: &Probe, degrees: f64, output: &Path, console: &Console) -> Outcome {
-    if output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("hdr")) {
-        let remedy = "the Radiance format is what is written";
-        return Err(Error::argument("output", output.display(), "a name ending in .hdr", remedy).into());
-    }
-    check_file(output)?;
+    check_hdr(output)?;
     let image = turned(&probe.image, degrees)?;
+    write_hdr(&image, output)?;
     let (width, height) = (image.width(), image.height());
-    atomic::write(output, |w| {
-        let pixels: Vec<image::Rgb<f32>> = image.pixels().iter().map(|p| image::Rgb(*p)).collect();
-        let encoder = image::codecs::hdr::HdrEncoder::new(w);
-        encoder.encode(&pixels, width, height).map_err(|e| Error::io("", "write", std::io::Error::other(e)))
-    })?;
     console.summary(text::file_line(output, &format!("{width} × {height}, turned by {degrees}°")));
     console.print_json(
         &json!({ "path": output.display().to_string(), "width": width, "height": height, "degrees": degrees }),
     );
     Ok(())
+}
+
+fn convert(probe: &Probe, output: &Path, console: &Console) -> Outcome {
+    check_hdr(output)?;
+    write_hdr(&probe.image, output)?;
+    let (width, height) = (probe.image.width(), probe.image.height());
+    console.summary(text::file_line(output, &format!("{width} × {height}, 8-bit mantissas with a common exponent")));
+    console.print_json(&json!({ "path": output.display().to_string(), "width": width, "height": height }));
+    Ok(())
+}
+
+/// Refuses another format than the one that is written.
+fn check_hdr(output: &Path) -> Outcome {
+    if output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("hdr")) {
+        let remedy = "the Radiance format is what is written";
+        return Err(Error::argument("output", output.display(), "a name ending in .hdr", remedy).into());
+    }
+    Ok(check_file(output)?)
+}
+
+fn write_hdr(image: &LatLong, output: &Path) -> Outcome {
+    let (width, height) = (image.width(), image.height());
+    Ok(atomic::write(output, |w| {
+        let pixels: Vec<image::Rgb<f32>> = image.pixels().iter().map(|p| image::Rgb(*p)).collect();
+        let encoder = image::codecs::hdr::HdrEncoder::new(w);
+        encoder.encode(&pixels, width, height).map_err(|e| Error::io("", "write", std::io::Error::other(e)))
+    })?)
 }
 
 /// Fewer stops than this between the brightest pixel and the mean is no high dynamic range.

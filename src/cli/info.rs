@@ -83,6 +83,18 @@ impl Info {
         if volume.series.arrays.len() > 1 {
             rows.push(row("arrays", format!("{}; choose with --array", volume.series.arrays.join(", "))));
         }
+        if volume.series.scans.len() > 1 {
+            for (i, scan) in volume.series.scans.iter().enumerate() {
+                let title = if i == 0 { "series" } else { "" };
+                rows.push(row(title, format!("{i} {scan}")));
+            }
+            rows.push(row("", "choose with --series".into()));
+        }
+        if volume.series.levels.len() > 1 {
+            let one = |(i, [x, y, z]): (usize, &[u64; 3])| format!("{i}: {x} × {y} × {z}");
+            let list = volume.series.levels.iter().enumerate().map(one).collect::<Vec<_>>().join(", ");
+            rows.push(row("levels", format!("{list}; choose with --level")));
+        }
         if volume.series.timepoints > 1 {
             let last = volume.series.timepoints - 1;
             rows.push(row("time points", format!("0 to {last}; choose with --timepoint")));
@@ -116,6 +128,8 @@ impl Info {
             "channels": volume.series.channels, "channel": volume.series.channel,
             "timepoints": volume.series.timepoints, "timepoint": volume.series.timepoint,
             "arrays": volume.series.arrays, "array": volume.series.array,
+            "series": volume.series.scans, "series_number": volume.series.scan,
+            "levels": volume.series.levels, "level": volume.series.level,
             "estimate": estimate.map(|e| json!({
                 "memory_bytes": e.memory, "store_bytes_all": e.all, "store_bytes_suggested": e.one,
             })),
@@ -251,14 +265,16 @@ pub(super) fn is_store(argument: &str) -> bool {
 
 /// Whether a directory is no store but may be a volume: a folder with files, or a Zarr hierarchy of another program.
 fn holds_volume(folder: &Path) -> bool {
-    let is_file = |entry: std::io::Result<std::fs::DirEntry>| entry.is_ok_and(|entry| entry.path().is_file());
+    let is_entry = |entry: std::io::Result<std::fs::DirEntry>| entry.is_ok();
     match file::read(folder.join("zarr.json"), MOST_METADATA) {
         Ok(root) => {
             let text = String::from_utf8_lossy(&root);
             text.contains("\"zarr_format\"") && !text.contains("isolume")
         }
         Err(_) if folder.join("zarr.json").exists() => false,
-        Err(_) => std::fs::read_dir(folder).is_ok_and(|mut entries| entries.any(is_file)),
+        // Of a study the series may lie in folders of their own; those of a store whose root is gone have their names.
+        Err(_) if ["volumes", "transfer"].iter().all(|name| folder.join(name).is_dir()) => false,
+        Err(_) => std::fs::read_dir(folder).is_ok_and(|mut entries| entries.any(is_entry)),
     }
 }
 

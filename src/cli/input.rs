@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::geom::Up;
 use crate::scene::{Front, Member, VolumeOptions};
-use crate::volume::{Channel, Choice, Shadowing, Solid, Spacing};
+use crate::volume::{Channel, Choice, Level, Region, Shadowing, Solid, Spacing};
 use clap::ValueEnum;
 use std::path::Path;
 
@@ -37,16 +37,28 @@ pub(super) struct VolumeArgs {
     /// Distance of the samples along x, y, z in place of the file's, perhaps with a unit: mm, um, nm, A, bohr
     #[arg(long, value_name = "X,Y,Z[UNIT]")]
     pub(super) spacing: Option<Spacing>,
-    /// The channel of a file that has several (OME-TIFF, ImageJ, NIfTI, NRRD, MetaImage; a component of VTI), counted from
+    /// The channel of a file that has several (OME-Zarr, OME-TIFF, ImageJ, NIfTI, NRRD, MetaImage; a component of VTI), counted from
     /// 0, or its name
     #[arg(long, value_name = "N|NAME")]
     pub(super) channel: Option<Channel>,
     /// The time point of a file that has several, counted from 0 [default: the first]
     #[arg(long, value_name = "N")]
     pub(super) timepoint: Option<usize>,
-    /// The array of a file that names several (VTI, .npz) [default: the one that the file names, or the only one]
+    /// The array of a file that names several (VTI, .npz, Zarr) [default: the one that the file names, or the only one]
     #[arg(long, value_name = "NAME")]
     pub(super) array: Option<String>,
+    /// The series of a folder of DICOM files that holds several, counted from 0, or its UID
+    #[arg(long, value_name = "N|UID")]
+    pub(super) series: Option<String>,
+    /// The level of a pyramid (OME-Zarr, OME-TIFF), 0 the finest, or auto: the finest of at most 2^28 samples [default: 0]
+    #[arg(long, value_name = "N|auto")]
+    pub(super) level: Option<Level>,
+    /// Read this box of samples only, ends not included, an empty one the first or last: 100:228,0:128,:
+    #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1")]
+    pub(super) region: Option<Region>,
+    /// Interpolate slices that are missing between others (DICOM, folders of pictures) instead of refusing
+    #[arg(long)]
+    pub(super) allow_gaps: bool,
     /// Drop all parts of the solid but the largest, such as the table below a head: at the isovalue asked for, of several at
     /// the outermost. The volume is masked before the bake, so what is dropped casts no shadow either
     #[arg(long)]
@@ -80,7 +92,11 @@ impl VolumeArgs {
             channel: self.channel.clone(),
             timepoint: self.timepoint,
             array: self.array.clone(),
+            series: self.series.clone(),
+            level: self.level,
+            region: self.region,
             spacing: self.spacing,
+            allow_gaps: self.allow_gaps,
             allow_outside: self.allow_outside,
             any_channel: false,
         };

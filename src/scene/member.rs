@@ -77,6 +77,9 @@ impl VolumeOptions {
             ("--channel", self.choice.channel.is_some()),
             ("--timepoint", self.choice.timepoint.is_some()),
             ("--array", self.choice.array.is_some()),
+            ("--series", self.choice.series.is_some()),
+            ("--level", self.choice.level.is_some()),
+            ("--region", self.choice.region.is_some()),
             ("--keep-largest", self.keep_largest && !["a field", "a model"].contains(&what)),
         ];
         match given.iter().find(|(_, given)| *given) {

@@ -6,9 +6,10 @@
 use super::decode::Data;
 use super::diagnose::REPLACED;
 use super::read::ReadHint;
-use super::{LengthUnit, Note, Samples, Series, Solid, Volume};
+use super::{Choice, LengthUnit, Note, Samples, Series, Solid, Volume};
 use crate::error::{Error, Result};
 use crate::geom::Affine;
+use glam::DVec3;
 
 /// Magnitudes that f32 arithmetic on samples (differences, squares of gradients) survives:
 /// a largest magnitude outside 2^±100 is rescaled.
@@ -38,12 +39,15 @@ pub(crate) fn note(text: impl Into<String>, count: usize) -> Note {
 /// # Errors
 /// When no sample is finite or the scaling is not usable.
 pub(crate) fn assemble(parts: Parts, hint: &ReadHint) -> Result<Volume> {
-    let Parts { format, dims, data, mut slope, inter, mut world_from_grid, mut unit, series, mut notes } = parts;
-    if let Some(spacing) = &hint.choice.spacing {
-        let (made, in_unit) = spacing.apply(world_from_grid, unit);
-        let refuse = || Error::argument("--spacing", format!("{spacing:?}"), "spacings of ordinary size", "correct it");
-        (world_from_grid, unit) = (made.ok_or_else(refuse)?, in_unit);
+    let Parts { format, mut dims, mut data, mut slope, inter, world_from_grid, unit, series, mut notes } = parts;
+    let mut first = [0; 3];
+    if let Some(region) = &hint.choice.region {
+        let (start, count) = region.within(dims.map(|n| n as u64))?;
+        let [x, y, z] = start.map(|n| n as usize);
+        data = pick(data, x + dims[0] * (y + dims[1] * z), [1, dims[0], dims[0] * dims[1]], count.map(|n| n as usize));
+        (first, dims) = (start, count.map(|n| n as usize));
     }
+    let (world_from_grid, unit) = place(world_from_grid, unit, first, &hint.choice)?;
     if !(slope.is_finite() && inter.is_finite() && slope != 0.0) {
         return Err(Error::format(
             format,
@@ -103,6 +107,30 @@ pub(crate) fn assemble(parts: Parts, hint: &ReadHint) -> Result<Volume> {
     volume.series = series;
     volume.notes = notes;
     Ok(volume)
+}
+
+/// The map and unit of a grid that begins at sample `first` of a file's, with the spacing that was asked for.
+///
+/// # Errors
+/// When that spacing is not usable.
+pub(crate) fn place(
+    world_from_grid: Affine,
+    unit: LengthUnit,
+    first: [u64; 3],
+    choice: &Choice,
+) -> Result<(Affine, LengthUnit)> {
+    let (mut made, mut unit) = (world_from_grid, unit);
+    if let Some(spacing) = &choice.spacing {
+        let refuse = || Error::argument("--spacing", format!("{spacing:?}"), "spacings of ordinary size", "correct it");
+        let (spaced, in_unit) = spacing.apply(made, unit);
+        (made, unit) = (spaced.ok_or_else(refuse)?, in_unit);
+    }
+    if first != [0; 3] {
+        let offset = made.offset() + made.linear() * DVec3::from_array(first.map(|n| n as f64));
+        let far = || Error::argument("--region", format!("{first:?}"), "a place of ordinary size", "correct it");
+        made = Affine::new(made.linear(), offset).ok_or_else(far)?;
+    }
+    Ok((made, unit))
 }
 
 /// Integers wider than a volume holds: 16 bits where they fit exactly, else f32.
@@ -230,6 +258,24 @@ pub(crate) fn pick(data: Data, first: usize, stride: [usize; 3], dims: [usize; 3
         };
     }
     each!(U8, I8, U16, I16, U32, I32, U64, I64, F32, F64)
+}
+
+/// a·first + b·second, rounded to the type of the samples; those of 64 bits are the first.
+pub(crate) fn mix(first: &Data, second: &Data, a: f64, b: f64) -> Data {
+    macro_rules! each {
+        ($($variant:ident $t:ty),*) => {
+            match (first, second) {
+                $((Data::$variant(x), Data::$variant(y)) => {
+                    Data::$variant(x.iter().zip(y).map(|(x, y)| libm::round(a * f64::from(*x) + b * f64::from(*y)) as $t).collect())
+                })*
+                (Data::F32(x), Data::F32(y)) => {
+                    Data::F32(x.iter().zip(y).map(|(x, y)| (a * f64::from(*x) + b * f64::from(*y)) as f32).collect())
+                }
+                _ => first.clone(),
+            }
+        };
+    }
+    each!(U8 u8, I8 i8, U16 u16, I16 i16, U32 u32, I32 i32)
 }
 
 /// out[x, y, z] = samples[x·stride_x + y·stride_y + z·stride_z], in blocks that stay in cache

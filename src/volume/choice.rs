@@ -83,6 +83,107 @@ impl FromStr for Spacing {
     }
 }
 
+/// A level of a pyramid: 0 is the finest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// From 0.
+    Index(usize),
+    /// The finest of at most [`MOST_AUTO`] samples, else the coarsest.
+    Auto,
+}
+
+/// Most samples of the level that `auto` takes, 1024 × 1024 × 256: 512 MiB in 16 bits. Not the memory of the machine, so that
+/// the same file is the same volume everywhere.
+pub const MOST_AUTO: u64 = 1 << 28;
+
+impl Level {
+    /// The level among those of these dimensions, the finest first.
+    pub(crate) fn among(self, levels: &[[u64; 3]]) -> Result<usize> {
+        let count = |dims: &[u64; 3]| dims.iter().try_fold(1u64, |n, d| n.checked_mul(*d)).unwrap_or(u64::MAX);
+        match self {
+            Self::Index(level) if level < levels.len().max(1) => Ok(level),
+            Self::Index(level) => {
+                let expected = match levels.len() {
+                    0 | 1 => "0, the only level of this file".into(),
+                    n => format!("0 to {}", n - 1),
+                };
+                Err(Error::argument("--level", level, expected, "levels count from 0, the finest"))
+            }
+            Self::Auto => {
+                let fits = levels.iter().position(|dims| count(dims) <= MOST_AUTO);
+                Ok(fits.unwrap_or(levels.len().saturating_sub(1)))
+            }
+        }
+    }
+}
+
+impl FromStr for Level {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        match text.trim() {
+            "auto" => Ok(Self::Auto),
+            text => text.parse().map(Self::Index).map_err(|_| {
+                Error::argument(
+                    "level",
+                    text,
+                    "a number from 0, the finest, or auto",
+                    "see `isolume info` for the list",
+                )
+            }),
+        }
+    }
+}
+
+/// A box of samples, half open along each axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Region {
+    // Invariant: first < last where there is a last; none means up to the end.
+    along: [(u64, Option<u64>); 3],
+}
+
+impl Region {
+    /// First sample and number of samples along each axis of a grid.
+    ///
+    /// # Errors
+    /// When the box is not inside.
+    pub(crate) fn within(&self, dims: [u64; 3]) -> Result<([u64; 3], [u64; 3])> {
+        let (mut first, mut count) = ([0; 3], [0; 3]);
+        for axis in 0..3 {
+            let (start, end) = self.along[axis];
+            let end = end.unwrap_or(dims[axis]);
+            if start >= end || end > dims[axis] {
+                let name = ["x", "y", "z"][axis];
+                let expected = format!("a box in {} × {} × {} samples", dims[0], dims[1], dims[2]);
+                let remedy = "ends are not included; samples count from 0, those of the chosen level";
+                return Err(Error::argument("--region", format!("{start}:{end} along {name}"), expected, remedy));
+            }
+            (first[axis], count[axis]) = (start, end - start);
+        }
+        Ok((first, count))
+    }
+}
+
+impl FromStr for Region {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let refuse = || {
+            let expected = "X0:X1,Y0:Y1,Z0:Z1 in samples, such as 100:228,0:128,: (the last axis whole)";
+            Error::argument("region", text, expected, "samples count from 0; the second of each pair is not included")
+        };
+        let number = |text: &str| text.trim().parse::<u64>().map_err(|_| refuse());
+        let one = |part: &str| -> Result<(u64, Option<u64>)> {
+            let (start, end) = part.split_once(':').ok_or_else(refuse)?;
+            let start = if start.trim().is_empty() { 0 } else { number(start)? };
+            let end = if end.trim().is_empty() { None } else { Some(number(end)?) };
+            if end.is_some_and(|end| end <= start) { Err(refuse()) } else { Ok((start, end)) }
+        };
+        let parts = text.split(',').map(one).collect::<Result<Vec<_>>>()?;
+        Ok(Self { along: parts.try_into().map_err(|_| refuse())? })
+    }
+}
+
 /// What is chosen of a file that holds more than one volume, and what it does not say.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Choice {
@@ -92,8 +193,16 @@ pub struct Choice {
     pub timepoint: Option<usize>,
     /// The array of a file that names several.
     pub array: Option<String>,
+    /// The series of a folder of DICOM files: its number in the list, from 0, or its UID.
+    pub series: Option<String>,
+    /// The level of a pyramid; without it the finest, with a note.
+    pub level: Option<Level>,
+    /// The box of samples that is read, all without it.
+    pub region: Option<Region>,
     /// The spacing in place of the file's.
     pub spacing: Option<Spacing>,
+    /// Whether slices that are missing between others may be interpolated.
+    pub allow_gaps: bool,
     /// Whether files may be read that lie outside the folder of the file that names them.
     pub allow_outside: bool,
     /// Whether the first of several channels, or arrays, is taken where none is chosen: for a list of what there is.
@@ -115,6 +224,22 @@ pub struct Series {
     pub arrays: Vec<String>,
     /// The array that was read, from 0.
     pub array: usize,
+    /// The series of a folder of DICOM files, described.
+    pub scans: Vec<String>,
+    /// The one that was read, from 0.
+    pub scan: usize,
+    /// Samples along x, y, z of each level of its pyramid, the finest first.
+    pub levels: Vec<[u64; 3]>,
+    /// The one that was read, from 0.
+    pub level: usize,
+}
+
+/// What a format has several of.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Has {
+    pub(crate) arrays: bool,
+    pub(crate) levels: bool,
+    pub(crate) scans: bool,
 }
 
 impl Choice {
@@ -141,12 +266,33 @@ impl Choice {
         }
     }
 
-    /// Refuses the choice of an array in a file whose format has no names for them.
-    pub(crate) fn no_arrays(&self) -> Result<()> {
-        self.array.as_ref().map_or(Ok(()), |name| {
-            let expected = "a format whose arrays have names: VTI or .npz";
-            Err(Error::argument("--array", name, expected, "leave it out; --channel chooses among components"))
-        })
+    /// Refuses what a format has no several of to choose from.
+    pub(crate) fn fits(&self, has: Has) -> Result<()> {
+        let refuse = |option: &str, given: &str, expected: &str, remedy: &str| {
+            Err(Error::argument(option, given, expected, remedy))
+        };
+        if let Some(name) = self.array.as_ref().filter(|_| !has.arrays) {
+            let expected = "a format whose arrays have names: VTI, .npz or Zarr";
+            return refuse("--array", name, expected, "leave it out; --channel chooses among components");
+        }
+        if let Some(Level::Index(level @ 1..)) = self.level.filter(|_| !has.levels) {
+            let expected = "a pyramid: OME-Zarr or OME-TIFF";
+            return refuse("--level", &level.to_string(), expected, "leave it out: this format has one level");
+        }
+        if let Some(series) = self.series.as_ref().filter(|_| !has.scans) {
+            return refuse("--series", series, "a folder of DICOM files, or one of them", "leave it out");
+        }
+        Ok(())
+    }
+
+    /// Chooses a level, with a note where there are several.
+    pub(crate) fn level_of(&self, levels: &[[u64; 3]], notes: &mut Vec<Note>) -> Result<usize> {
+        let level = self.level.unwrap_or(Level::Index(0)).among(levels)?;
+        if let (Some([x, y, z]), 2..) = (levels.get(level), levels.len()) {
+            let how = if self.level.is_none() { "; choose with --level" } else { "" };
+            notes.push(note(format!("level {level} of {} is read, {x} × {y} × {z} samples{how}", levels.len()), 1));
+        }
+        Ok(level)
     }
 
     /// Chooses among the channels and time points of a file.
@@ -238,6 +384,24 @@ mod tests {
         for wrong in ["", "1,2", "1,2,3,4", "0,1,1", "-1,1,1", "nan,1,1", "1,2,3 parsec", "1e999,1,1", "mm"] {
             let text = wrong.parse::<Spacing>().unwrap_err().to_string();
             assert!(text.contains("0.5,0.5,2um"), "{text}");
+        }
+    }
+
+    #[test]
+    fn levels_and_regions_are_read_and_kept_inside() {
+        let level = |text: &str, levels: &[[u64; 3]]| text.parse::<Level>().and_then(|l| l.among(levels)).ok();
+        let pyramid = [[2048, 2048, 1024], [1024, 1024, 512], [512, 512, 256]];
+        assert_eq!((level("0", &pyramid), level("2", &pyramid), level("3", &pyramid)), (Some(0), Some(2), None));
+        // 1024 × 1024 × 512 is twice what auto takes; of what is all too large the last.
+        assert_eq!((level("auto", &pyramid), level("auto", &pyramid[..2])), (Some(2), Some(1)));
+        assert_eq!((level("auto", &[]), level("-1", &pyramid), level("fine", &pyramid)), (Some(0), None, None));
+        let within = |text: &str| text.parse::<Region>().and_then(|r| r.within([10, 20, 30])).ok();
+        assert_eq!(within("2:5,0:20,:"), Some(([2, 0, 0], [3, 20, 30])));
+        assert_eq!(within(" 9: , :1, 29:30 "), Some(([9, 0, 29], [1, 1, 1])));
+        for wrong in
+            ["", "1:2", "1:2,1:2,1:2,1:2", "0:11,:,:", "5:5,:,:", "5:4,:,:", "10:,:,:", "-1:3,:,:", "a:b,:,:", "1,2,3"]
+        {
+            assert_eq!(within(wrong), None, "{wrong}");
         }
     }
 

@@ -5,7 +5,8 @@
 use crate::error::Error;
 
 /// The formats that are read, for messages.
-const READ: &str = "NIfTI, NRRD, MetaImage, MRC, cube, OpenDX, VTK, VTI, TIFF, .npy, .npz, or raw with JSON";
+const READ: &str =
+    "NIfTI, NRRD, MetaImage, DICOM, OME-Zarr, MRC, cube, OpenDX, VTK, VTI, TIFF, .npy, .npz, or raw with JSON";
 
 /// Bytes that give a format away.
 enum Mark {
@@ -25,13 +26,6 @@ const UNPACK: &str = "unpack it first, or pack it with gzip";
 
 /// Marks, name, and what to do. The first that fits counts.
 const FORMATS: &[(&[Mark], &str, &str)] = &[
-    (
-        &[At(128, b"DICM")],
-        "DICOM",
-        "convert the folder of the series:\n  dcm2niix -z y -o OUT FOLDER\nor in Python:\n  import SimpleITK as sitk\n  \
-         r = sitk.ImageSeriesReader()\n  r.SetFileNames(r.GetGDCMSeriesFileNames(\"FOLDER\"))\n  \
-         sitk.WriteImage(r.Execute(), \"OUT.nrrd\")",
-    ),
     (
         &[At(0, b"\x89HDF\r\n"), At(512, b"\x89HDF\r\n")],
         "HDF5 (also NetCDF-4, MINC 2, MATLAB 7.3)",
@@ -167,30 +161,19 @@ fn vtk_xml(inside: &str) -> (String, String) {
 /// Zip archives by the first names in them.
 fn zip(text: &str) -> (String, String) {
     if [".zattrs", ".zarray", ".zgroup", "zarr.json"].iter().any(|name| text.contains(name)) {
-        return zarr();
+        return (
+            "Zarr in a zip archive".into(),
+            "unpack it: unzip FILE -d FILE.zarr; then: isolume info FILE.zarr".into(),
+        );
     }
     ("a zip archive".into(), "unpack it: unzip FILE".into())
-}
-
-fn zarr() -> (String, String) {
-    let remedy = "save one level of one channel and time, in Python:\n  import numpy, zarr\n  \
-                  numpy.save(\"FILE.npy\", zarr.open(\"FILE\", mode=\"r\")[\"0\"][0, 0])\nand give --spacing X,Y,Z; \
-                  without the dots of 4D or 5D data leave out [0, 0]";
-    ("Zarr, perhaps OME-Zarr".into(), remedy.into())
 }
 
 /// The error for a folder in which no slices lie, from the names in it.
 pub(super) fn folder(names: &[String]) -> Error {
     let ends = |suffix: &str| names.iter().filter(|n| n.to_ascii_lowercase().ends_with(suffix)).count();
-    let expected = "a volume file, or a folder of slices: .tif or .png, one for each section";
-    let is = |name: &str| names.iter().any(|n| n == name);
-    let (found, remedy) = if is("zarr.json") || is(".zattrs") || is(".zgroup") || is(".zarray") {
-        zarr()
-    } else if is("DICOMDIR") || ends(".dcm") + ends(".ima") > 0 {
-        let n = names.len();
-        let remedy = FORMATS.iter().find(|(_, name, _)| *name == "DICOM").map_or("", |(.., remedy)| remedy);
-        (format!("a folder of {n} files, among them DICOM"), remedy.to_string())
-    } else if names.is_empty() {
+    let expected = "a volume file, a folder of slices (.tif, .png or DICOM), or OME-Zarr";
+    let (found, remedy) = if names.is_empty() {
         ("an empty folder".into(), "name the volume file".into())
     } else {
         let pictures = ends(".jpg") + ends(".jpeg") + ends(".bmp") + ends(".gif");
@@ -214,16 +197,15 @@ mod tests {
         let at = |place: usize, bytes: &[u8]| [&vec![0; place], bytes].concat();
         let mut mgh = [0; 300];
         [3, 7, 11, 15, 19].into_iter().for_each(|at| mgh[at] = 1);
-        let cases: [(Vec<u8>, &str, &str); 17] = [
+        let cases: [(Vec<u8>, &str, &str); 16] = [
             (b"<VTKFile type=\"PRectilinearGrid\" v".into(), "PRectilinearGrid", "Resample To Image"),
             (b"<?xml version=\"1.0\"?>\n<OME/>".into(), "XML", "name the file"),
             (b"<VTKFile type=\"UnstructuredGrid\" v".into(), "UnstructuredGrid", "resample"),
-            (at(128, b"DICM"), "DICOM", "dcm2niix"),
             (b"\x89HDF\r\n\x1a\n".into(), "HDF5", "h5py"),
             (b"CDF\x01".into(), "NetCDF", "netcdf_file"),
             (at(252, b"\xef\xff\xe9\xb0"), "GIPL", "SimpleITK"),
             (mgh.to_vec(), "MGH", "nibabel"),
-            (b"PK\x03\x04....x/.zattrs".into(), "OME-Zarr", "zarr.open"),
+            (b"PK\x03\x04....x/.zattrs".into(), "Zarr", "unzip"),
             (b"ZISRAWFILE\0\0".into(), "CZI", "bfconvert"),
             (b"\x70\0\0\0\x2a\0\0\0".into(), "LIF", "bfconvert"),
             (b"SIMPLE  =                    T".into(), "FITS", "astropy"),
@@ -252,8 +234,6 @@ mod tests {
     #[test]
     fn folders_are_named_for_what_they_are() {
         let text = |names: &[&str]| folder(&names.iter().map(|n| n.to_string()).collect::<Vec<_>>()).to_string();
-        assert!(text(&["1.dcm", "2.dcm"]).contains("DICOM"));
-        assert!(text(&[".zattrs", "0"]).contains("OME-Zarr"));
         assert!(text(&["a.jpg", "b.jpg"]).contains("2 pictures"));
         assert!(text(&["a.npy"]).contains("1 files") && text(&[]).contains("empty"));
     }

@@ -17,6 +17,7 @@ mod assemble;
 pub mod choice;
 mod components;
 mod decode;
+mod dicom;
 #[doc(hidden)]
 pub mod diagnose;
 pub mod field;
@@ -29,8 +30,9 @@ pub mod open;
 pub mod read;
 mod slices;
 mod source;
+mod zarr;
 
-pub use choice::{Channel, Choice, Series, Spacing};
+pub use choice::{Channel, Choice, Level, MOST_AUTO, Region, Series, Spacing};
 pub use components::Removed;
 pub use isovalue::Isovalue;
 pub use open::{open, open_with};

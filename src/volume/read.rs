@@ -16,13 +16,17 @@
 //! | OpenDX | regular grids, text and binary, of positions or cells | other objects |
 //! | gOpenMol .plt | either byte order | |
 //! | legacy VTK | STRUCTURED_POINTS, ASCII and BINARY | other data sets, vectors |
-//! | VTK XML | .vti and .pvti: points or cells, text, base64 and raw, ZLib and LZ4; one array and component | LZMA, other data sets |
-//! | TIFF | grey pages; OME-TIFF and ImageJ by their metadata, one time point and channel; folders of slices | colour, sets of files |
+//! | VTK XML | .vti and .pvti: points or cells, text, base64 and raw, ZLib, LZ4 and LZMA; one array and component | other data sets |
+//! | TIFF | grey pages; OME-TIFF, its sets of files and levels, and ImageJ by their metadata, one time point and channel; folders of slices | colour |
+//! | DICOM | series of slices and enhanced multi-frame files, segments; plain, deflated, RLE, JPEG, JPEG 2000 | JPEG-LS, HTJ2K, colour |
+//! | OME-Zarr, Zarr | folders of versions 2 and 3; gzip, zlib, zstd, LZ4, Blosc, shards; one level, time point and channel | other codecs, zip |
 //! | NumPy .npy, .npz | three axes [z, y, x], either memory order | bool, complex, structures |
 //! | raw | with a JSON sidecar | |
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
+use super::choice::Has;
+use super::dicom;
 use super::foreign;
 use super::format::{cube, dx, metaimage, mrc, nifti, npy, npz, nrrd, plt, raw, tiff, vti, vtk};
 use super::source::Source;
@@ -85,13 +89,16 @@ pub(crate) fn read_with(mut source: Source, hint: &ReadHint, beside: Option<Open
     }
     let head = source.peek(LOOK_AHEAD).map_err(from_read)?;
     let format = detect(head)?;
-    if !matches!(format, Format::Nifti | Format::Nrrd | Format::MetaImage | Format::Tiff | Format::Vti) {
+    if !matches!(format, Format::Nifti | Format::Nrrd | Format::MetaImage | Format::Tiff | Format::Vti | Format::Dicom)
+    {
         // Of these a file holds one volume.
         hint.choice.of("volume", Vec::new(), 1, &mut Vec::new())?;
     }
-    if !matches!(format, Format::Vti | Format::Npz) {
-        hint.choice.no_arrays()?;
-    }
+    hint.choice.fits(Has {
+        arrays: matches!(format, Format::Vti | Format::Npz),
+        levels: format == Format::Tiff,
+        scans: format == Format::Dicom,
+    })?;
     match format {
         Format::Nifti => nifti::read(source, hint, beside),
         Format::Nrrd => nrrd::read(source, hint, beside),
@@ -105,6 +112,7 @@ pub(crate) fn read_with(mut source: Source, hint: &ReadHint, beside: Option<Open
         Format::Npz => npz::read_stream(source, hint),
         Format::Dx => dx::read(source, hint),
         Format::Plt => plt::read(source, hint),
+        Format::Dicom => dicom::read_stream(source, hint),
         Format::Raw => raw::read(source, hint, beside),
     }
 }
@@ -123,12 +131,16 @@ pub(crate) enum Format {
     Npz,
     Dx,
     Plt,
+    Dicom,
     Raw,
 }
 
 /// The format of a file from its first bytes.
 pub(crate) fn detect(head: &[u8]) -> Result<Format> {
     let at = |offset: usize, magic: &[u8]| head.get(offset..).is_some_and(|rest| rest.starts_with(magic));
+    if dicom::is_dicom(head) {
+        return Ok(Format::Dicom);
+    }
     if at(0, b"NRRD") {
         return Ok(Format::Nrrd);
     }

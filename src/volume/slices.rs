@@ -3,7 +3,7 @@
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
-use super::assemble::{Parts, assemble, note};
+use super::assemble::{Parts, assemble, mix, note};
 use super::decode::{Data, checked_count};
 use super::format::tiff;
 use super::read::ReadHint;
@@ -19,6 +19,11 @@ const NAME: &str = "folder of slices";
 /// Most entries of a folder.
 const MOST_FILES: usize = 1 << 20;
 
+/// Whether there are slices in a folder.
+pub(super) fn is_folder(folder: &Path) -> bool {
+    names(folder).is_ok_and(|names| names.iter().any(|name| kind(name).is_some() && !name.starts_with('.')))
+}
+
 /// Reads the folder.
 ///
 /// # Errors
@@ -31,10 +36,12 @@ pub(super) fn open(folder: &Path, hint: &ReadHint) -> Result<Volume> {
     if slices.is_empty() {
         return Err(in_folder(foreign::folder(&others)));
     }
-    let slices = ordered(slices).map_err(in_folder)?;
+    let numbered = ordered(slices, hint.choice.allow_gaps).map_err(in_folder)?;
+    let slices: Vec<&String> = numbered.iter().map(|(_, name)| name).collect();
     let mut notes = Vec::new();
     let series = hint.choice.of(NAME, Vec::new(), 1, &mut notes)?;
-    let (mut stack, mut size, mut said) = (None, None, None);
+    let (mut stack, mut size, mut said, mut sections) = (None, None, None, 0u64);
+    let mut before: Option<(u64, Data)> = None;
     for (z, name) in slices.iter().enumerate() {
         let path = folder.join(name);
         let in_slice = |e: Error| e.in_file(&path);
@@ -45,8 +52,22 @@ pub(super) fn open(folder: &Path, hint: &ReadHint) -> Result<Volume> {
             let expected = format!("{width} × {height}, as {}", slices[0]);
             return Err(in_slice(Error::format(NAME, found, expected, "take out or resize what does not belong")));
         }
-        let claimed = [u64::from(width), u64::from(height), z as u64 + 1];
+        let number = numbered.get(z).map_or(0, |(number, _)| *number);
+        let missing = before.as_ref().map_or(0, |(last, _)| number.saturating_sub(last.saturating_add(1)));
+        sections = missing.saturating_add(1).saturating_add(sections);
+        let claimed = [u64::from(width), u64::from(height), sections];
         checked_count(NAME, claimed, 1, None, hint).map_err(in_folder)?;
+        if let Some((_, data)) = before.as_ref().filter(|_| missing > 0) {
+            for i in 1..=missing {
+                let t = i as f64 / (missing + 1) as f64;
+                tiff::append(&mut stack, mix(data, &slice.data, 1.0 - t, t)).map_err(in_slice)?;
+            }
+            let text = format!("{missing} missing slices before {name} are interpolated between their neighbours");
+            notes.push(note(text, missing as usize));
+        }
+        if hint.choice.allow_gaps {
+            before = Some((number, slice.data.clone()));
+        }
         tiff::append(&mut stack, slice.data).map_err(in_slice)?;
         said = said.or(slice.spacing);
     }
@@ -66,7 +87,7 @@ pub(super) fn open(folder: &Path, hint: &ReadHint) -> Result<Volume> {
         ));
     }
     let world_from_grid = Affine::new(DMat3::from_diagonal(spacing), DVec3::ZERO).unwrap_or(Affine::IDENTITY);
-    let dims = [width as usize, height as usize, slices.len()];
+    let dims = [width as usize, height as usize, sections as usize];
     let (slope, inter) = (1.0, 0.0);
     let name = folder.canonicalize().ok().and_then(|p| p.file_name().map(|n| n.to_string_lossy().into_owned()));
     let hint = ReadHint { name: name.unwrap_or_else(|| hint.name.clone()), ..hint.clone() };
@@ -128,7 +149,7 @@ fn pieces(name: &str) -> (Vec<&str>, Vec<&str>) {
 ///
 /// # Errors
 /// When they differ in something else, twice have the same number, or one is missing between two others.
-fn ordered(names: Vec<String>) -> Result<Vec<String>> {
+fn ordered(names: Vec<String>, allows_gaps: bool) -> Result<Vec<(u64, String)>> {
     let refuse = |found: String, expected: &str, remedy: &str| Err(Error::format(NAME, found, expected, remedy));
     let n = names.len();
     if n < 2 {
@@ -166,12 +187,12 @@ fn ordered(names: Vec<String>) -> Result<Vec<String>> {
         if a == b {
             return refuse(format!("{before} and {after} with one number"), "each number once", "take one out");
         }
-        if *b != a + 1 {
+        if *b != a + 1 && !allows_gaps {
             let found = format!("no slice between {before} and {after}, {} missing", b - a - 1);
-            return refuse(found, "slices without gaps", "add what is missing, or number them anew");
+            return refuse(found, "slices without gaps", "add what is missing, number them anew, or give --allow-gaps");
         }
     }
-    Ok(numbered.into_iter().map(|(_, name)| name).collect())
+    Ok(numbered)
 }
 
 fn read_slice(path: &Path, hint: &ReadHint) -> Result<tiff::Slice> {
@@ -221,7 +242,8 @@ mod tests {
     use super::*;
 
     fn order(names: &[&str]) -> std::result::Result<Vec<String>, String> {
-        ordered(names.iter().map(|n| n.to_string()).collect()).map_err(|e| e.to_string())
+        let all = ordered(names.iter().map(|n| n.to_string()).collect(), false);
+        all.map(|all| all.into_iter().map(|(_, name)| name).collect::<Vec<_>>()).map_err(|e| e.to_string())
     }
 
     #[test]

@@ -27,12 +27,14 @@ pub(crate) struct Source<'a> {
     at_most: Option<u64>,
     /// Whether a checksum follows what is read.
     gzip: bool,
+    /// Bytes that were consumed.
+    consumed: u64,
 }
 
 impl<'a> Source<'a> {
     /// A source on a stream of which the length is known or not.
     pub(crate) fn new(inner: impl Read + 'a, length: Option<u64>) -> Self {
-        Self { inner: Box::new(inner), buffer: Vec::new(), start: 0, at_most: length, gzip: false }
+        Self { inner: Box::new(inner), buffer: Vec::new(), start: 0, at_most: length, gzip: false, consumed: 0 }
     }
 
     /// The decompressed content of this source, which holds gzip members from here on.
@@ -62,6 +64,11 @@ impl<'a> Source<'a> {
     /// No more than this many bytes are left, where that is known.
     pub(crate) fn at_most(&self) -> Option<u64> {
         self.at_most
+    }
+
+    /// How many bytes were consumed.
+    pub(crate) fn consumed(&self) -> u64 {
+        self.consumed
     }
 
     /// The next `count` bytes, fewer at the end of the stream, without consuming them.
@@ -224,6 +231,7 @@ impl Read for Source<'_> {
             self.inner.read(out)?
         };
         self.at_most = self.at_most.map(|n| n.saturating_sub(count as u64));
+        self.consumed += count as u64;
         Ok(count)
     }
 }
@@ -239,6 +247,7 @@ impl BufRead for Source<'_> {
     }
 
     fn consume(&mut self, count: usize) {
+        self.consumed += count as u64;
         self.start = (self.start + count).min(self.buffer.len());
         self.at_most = self.at_most.map(|n| n.saturating_sub(count as u64));
     }

@@ -26,6 +26,10 @@ pub const PIXELS: usize = 1 << 11;
 /// each), reordered, and as kept: 3 times what may be claimed, growth by doubling counted twice for text;
 /// and its buffers: 1 MiB a piece and its decoded samples, 64 KiB of look-ahead, the state of inflate.
 pub const VOLUME_LIMIT: usize = 6 * SAMPLE_BYTES as usize + (6 << 20);
+/// Beside that, for Zarr: the window that any decoder of zstd is to take, 8 MiB, in a ring of a power of two.
+pub const ZARR_LIMIT: usize = VOLUME_LIMIT + (16 << 20);
+/// For DICOM: JPEG 2000 takes 4 bytes for each coefficient and some for their blocks; all frames of a file at once.
+pub const DICOM_LIMIT: usize = VOLUME_LIMIT + (32 << 20);
 /// The same for probes: pixels as stored, as floats, converted (up to 4 times as many), and what `low_range`
 /// allows its decoders besides: 16 bytes a pixel and 64 MiB.
 pub const PROBE_LIMIT: usize = 200 * PIXELS + (66 << 20);
@@ -55,6 +59,8 @@ enum Kind {
     Volume,
     /// With a second file: opened by path.
     Pair,
+    /// Several files in a folder, one after the other in the input.
+    Folder,
     Probe,
     Store,
     Zip,
@@ -65,7 +71,7 @@ enum Kind {
     Model,
 }
 
-pub const TARGETS: [Target; 25] = [
+pub const TARGETS: [Target; 27] = [
     volume("nifti", seeds::nifti),
     volume("nrrd", seeds::nrrd),
     volume("mrc", seeds::mrc),
@@ -78,6 +84,8 @@ pub const TARGETS: [Target; 25] = [
     volume("npz", seeds::npz),
     volume("npy", seeds::npy),
     volume("tiff", seeds::tiff),
+    folder("zarr", ZARR_LIMIT),
+    folder("dicom", DICOM_LIMIT),
     Target { name: "raw", seeds: seeds::raw, limit: VOLUME_LIMIT, gate_runs: 1000, kind: Kind::Pair },
     Target { name: "pairs", seeds: seeds::pairs, limit: VOLUME_LIMIT, gate_runs: 1000, kind: Kind::Pair },
     probe("openexr", seeds::openexr),
@@ -95,6 +103,11 @@ pub const TARGETS: [Target; 25] = [
 
 const fn volume(name: &'static str, seeds: fn() -> Vec<seeds::Seed>) -> Target {
     Target { name, seeds, limit: VOLUME_LIMIT, gate_runs: 1500, kind: Kind::Volume }
+}
+
+/// Their seeds are written by other programs (`tests/fuzz/corpus.py`).
+const fn folder(name: &'static str, limit: usize) -> Target {
+    Target { name, seeds: Vec::new, limit, gate_runs: 1000, kind: Kind::Folder }
 }
 
 const fn probe(name: &'static str, seeds: fn() -> Vec<seeds::Seed>) -> Target {
@@ -172,7 +185,7 @@ impl Bench {
                 let piece = std::fs::read(corpus("vti").join("raw.vti")).expect("a piece");
                 std::fs::write(at("piece.vti"), piece).expect("written");
             }
-            Kind::Volume | Kind::Probe | Kind::Mesh | Kind::Scene | Kind::Model => {}
+            Kind::Volume | Kind::Folder | Kind::Probe | Kind::Mesh | Kind::Scene | Kind::Model => {}
         }
         if bench.files.is_empty() {
             let files = sorted(&corpus(target.name));
@@ -223,6 +236,17 @@ impl Bench {
             return Input { bytes, file, sealed: false };
         }
         let other = self.seeds[numbers.below(self.seeds.len())].clone();
+        if matches!(self.target.kind, Kind::Folder) && numbers.below(8) > 0 {
+            // One of the files, with parts of one of the same seed or of another.
+            let (mut files, others) = (unpacked(seed), unpacked(&other));
+            let donor = others[numbers.below(others.len())].1.clone();
+            let which = numbers.below(files.len());
+            files[which].1 = mutate::damage(&mut numbers, &files[which].1, &donor);
+            if numbers.below(8) == 0 {
+                files.remove(which);
+            }
+            return Input { bytes: packed(&files), file, sealed: false };
+        }
         let mut bytes = mutate::damage(&mut numbers, seed, &other);
         match self.target.kind {
             Kind::Volume => match numbers.below(24) {
@@ -250,6 +274,11 @@ impl Bench {
                 let streamed = isolume::volume::read(&input.bytes[..], &hint);
                 let sized = ReadHint { length: Some(input.bytes.len() as u64), ..hint };
                 let sized = isolume::volume::read(&input.bytes[..], &sized);
+                if self.target.name == "tiff" {
+                    let mut coarse = hint_of_level(1);
+                    coarse.length = Some(input.bytes.len() as u64);
+                    let _ = check_volume(isolume::volume::read(&input.bytes[..], &coarse));
+                }
                 assert_eq!(streamed.is_ok(), sized.is_ok(), "{:?} {:?}", streamed.err(), sized.err());
                 check_volume(streamed)
             }
@@ -257,6 +286,28 @@ impl Bench {
                 let path = self.folder.path().join("input.hdr");
                 std::fs::write(&path, &input.bytes).expect("written");
                 let hint = ReadHint { max_bytes: SAMPLE_BYTES, ..ReadHint::default() };
+                check_volume(isolume::volume::open_with(&path, &hint))
+            }
+            Kind::Folder => {
+                let path = self.folder.path().join("input");
+                let _ = std::fs::remove_dir_all(&path);
+                std::fs::create_dir(&path).expect("made");
+                for (name, bytes) in unpacked(&input.bytes) {
+                    let file = path.join(name);
+                    // What another file's name makes impossible is left out.
+                    if std::fs::create_dir_all(file.parent().expect("a folder")).is_ok() {
+                        let _ = std::fs::write(file, bytes);
+                    }
+                }
+                let hint = ReadHint { max_bytes: SAMPLE_BYTES, ..ReadHint::default() };
+                let mut other = hint_of_level(1);
+                other.choice.allow_gaps = true;
+                other.choice.series = Some("0".into());
+                if self.target.name == "zarr" {
+                    other.choice.series = None;
+                    other.choice.region = "1:,:2,0:1".parse().ok();
+                }
+                let _ = check_volume(isolume::volume::open_with(&path, &other));
                 check_volume(isolume::volume::open_with(&path, &hint))
             }
             Kind::Probe => check_probe(&input.bytes),
@@ -294,6 +345,38 @@ impl Bench {
             }
         }
     }
+}
+
+fn hint_of_level(level: usize) -> ReadHint {
+    let choice = isolume::volume::Choice {
+        level: Some(isolume::volume::Level::Index(level)),
+        any_channel: true,
+        ..isolume::volume::Choice::default()
+    };
+    ReadHint { max_bytes: SAMPLE_BYTES, choice, ..ReadHint::default() }
+}
+
+/// The files of a folder that an input holds: name, zero, length, bytes. Names that lead elsewhere are left out.
+fn unpacked(mut bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
+    let mut files = Vec::new();
+    while let Some(end) = bytes.iter().position(|b| *b == 0) {
+        let name = String::from_utf8_lossy(&bytes[..end]).into_owned();
+        let Some((length, rest)) = bytes[end + 1..].split_first_chunk::<4>() else { break };
+        let content = &rest[..rest.len().min(u32::from_le_bytes(*length) as usize)];
+        let is_plain = |part: &str| !matches!(part, "" | "." | "..") && part.len() < 100;
+        if name.split('/').all(is_plain) && name.split('/').count() < 8 {
+            files.push((name, content.to_vec()));
+        }
+        bytes = &rest[content.len()..];
+    }
+    files
+}
+
+fn packed(files: &[(String, Vec<u8>)]) -> Vec<u8> {
+    let one = |(name, bytes): &(String, Vec<u8>)| {
+        [name.as_bytes(), &[0], &(bytes.len() as u32).to_le_bytes(), bytes].concat()
+    };
+    files.iter().flat_map(one).collect()
 }
 
 fn check_volume(read: isolume::Result<Volume>) -> bool {

@@ -177,6 +177,8 @@ pub const FILE_SYSTEM_FILES: &[(&str, &str)] = &[
     ("src/volume/open.rs", "opens a volume and the files its header names"),
     ("src/scene/member.rs", "says which file beside a missing one may be meant"),
     ("src/volume/slices.rs", "lists a folder of slices"),
+    ("src/volume/zarr/", "is a folder of files"),
+    ("src/volume/dicom/", "lists a folder of a series"),
 ];
 
 /// Crates that belong to certain modules.
@@ -196,6 +198,7 @@ pub const CRATES: &[(&str, &[&str])] = &[
     ("mrc", &["volume"]),
     ("npyz", &["volume"]),
     ("tiff", &["volume"]),
+    ("ruzstd", &["volume"]),
     ("memmap2", &["transfer", "volume"]),
     ("sobol_burley", &["sampling"]),
     ("base64", &["view"]),

@@ -178,13 +178,13 @@ fn folders_of_slices_are_volumes_and_other_folders_are_named() {
     std::fs::create_dir(&other).expect("a folder");
     std::fs::write(other.join("1.dcm"), "x").expect("a file");
     let text = bench.refuses("info other");
-    assert!(text.contains("DICOM") && text.contains("dcm2niix"), "{text}");
+    assert!(text.contains("no DICOM file"), "{text}");
     let zarr = bench.path("image.zarr");
     std::fs::create_dir(&zarr).expect("a folder");
     let root = "{\"zarr_format\": 3, \"node_type\": \"group\", \"attributes\": {\"ome\": {\"multiscales\": []}}}";
     std::fs::write(zarr.join("zarr.json"), root).expect("a file");
     let text = bench.refuses("info image.zarr");
-    assert!(text.contains("OME-Zarr") && text.contains("zarr.open"), "{text}");
+    assert!(text.contains("multiscales without an image"), "{text}");
 }
 
 #[test]

@@ -5,6 +5,7 @@ mod formats_python;
 mod gltf_validator;
 mod models_python;
 mod packed_python;
+mod page_exr;
 mod store_python;
 
 /// The interpreter that `ISOLUME_PYTHON` names, `python3` otherwise, if it runs `imports`.

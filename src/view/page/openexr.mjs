@@ -1,8 +1,9 @@
 // OpenEXR, the part that a browser can decode by itself: one part, scan lines, channels R, G, B (or Y) of 16 or 32-bit
-// floats, uncompressed or ZIP (zlib). Everything else is left to the program; see the message.
+// floats; uncompressed, RLE, ZIP (zlib) or PIZ. Everything else, DWAA and DWAB among it, is left to the program; see the
+// message.
 
 const COMPRESSIONS = ["NONE", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB"];
-const ROWS_OF_A_BLOCK = { NONE: 1, ZIPS: 1, ZIP: 16 };
+const ROWS_OF_A_BLOCK = { NONE: 1, RLE: 1, ZIPS: 1, ZIP: 16, PIZ: 32 };
 
 /** A half float as a number. */
 export function numberFromHalf(bits) {
@@ -45,7 +46,7 @@ export async function decodeOpenExr(bytes) {
   at++;
   const compression = COMPRESSIONS[bytes[attributes.compression]];
   if (!(compression in ROWS_OF_A_BLOCK)) {
-    throw new Error(`${compression ?? "unknown"} compression is not read in the page; save as ZIP, or as .hdr`);
+    throw new Error(`${compression ?? "unknown"} compression is not read in the page; convert it: isolume env convert X.exr -o X.hdr`);
   }
   const [left, top, right, bottom] = [0, 4, 8, 12].map((o) => view.getInt32(attributes.dataWindow + o, true));
   const [width, height] = [right - left + 1, bottom - top + 1];
@@ -60,7 +61,10 @@ export async function decodeOpenExr(bytes) {
     const size = view.getUint32(start + 4, true);
     const count = Math.min(rows, height - first);
     let data = bytes.subarray(start + 8, start + 8 + size);
-    if (compression !== "NONE" && size < rowBytes * count) data = unfilter(await inflate(data));
+    if (compression !== "NONE" && size < rowBytes * count) {
+      if (compression === "PIZ") data = unpackPiz(data, width, count, channels);
+      else data = unfilter(compression === "RLE" ? unpackRuns(data, rowBytes * count) : await inflate(data));
+    }
     if (data.length < rowBytes * count) throw new Error("the file ends in the middle of a block");
     const pixels = new DataView(data.buffer, data.byteOffset, data.byteLength);
     for (let j = 0; j < count; j++) {
@@ -103,4 +107,191 @@ function unfilter(bytes) {
   const half = (bytes.length + 1) >> 1;
   for (let i = 0; i < bytes.length; i++) out[i] = bytes[i & 1 ? half + (i >> 1) : i >> 1];
   return out;
+}
+
+/** Runs: a count below zero precedes so many bytes as they are, else one byte that stands count + 1 times. */
+function unpackRuns(bytes, length) {
+  const out = new Uint8Array(length);
+  let at = 0, end = 0;
+  while (at < bytes.length) {
+    const count = (bytes[at++] << 24) >> 24;
+    const more = count < 0 ? -count : count + 1;
+    if (end + more > length || at + (count < 0 ? more : 1) > bytes.length) throw new Error("a run goes beyond its block");
+    if (count < 0) out.set(bytes.subarray(at, at + more), end);
+    else out.fill(bytes[at], end, end + more);
+    at += count < 0 ? more : 1;
+    end += more;
+  }
+  return out;
+}
+
+// PIZ (OpenEXR, "Technical Introduction": a Haar wavelet of 16-bit numbers under a Huffman code): the numbers that occur are
+// renumbered without gaps, transformed, and coded; of a float each half by itself.
+
+function unpackPiz(bytes, width, rows, channels) {
+  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  const [first, last] = [view.getUint16(0, true), view.getUint16(2, true)];
+  let at = 4;
+  const occurs = new Uint8Array(8192);
+  if (first <= last) {
+    if (last >= 8192 || at + last - first + 1 > bytes.length) throw new Error("damaged PIZ: its table of numbers");
+    occurs.set(bytes.subarray(at, at + last - first + 1), first);
+    at += last - first + 1;
+  }
+  const numbers = new Uint16Array(65536);
+  let most = -1;
+  for (let i = 0; i < 65536; i++) if (i === 0 || (occurs[i >> 3] >> (i & 7)) & 1) numbers[++most] = i;
+  const words = channels.map((c) => c.bytes / 2);
+  const length = view.getInt32(at, true);
+  if (length < 20 || at + 4 + length > bytes.length) throw new Error("damaged PIZ: its length");
+  const total = width * rows * words.reduce((sum, n) => sum + n, 0);
+  const values = unpackHuffman(bytes.subarray(at + 4, at + 4 + length), total);
+  let start = 0;
+  const starts = words.map((n) => {
+    for (let j = 0; j < n; j++) inverseWavelet(values, start + j, width, n, rows, width * n, most < 1 << 14);
+    const own = start;
+    start += width * rows * n;
+    return own;
+  });
+  for (let i = 0; i < total; i++) values[i] = numbers[values[i]];
+  // Channel by channel; wanted is row by row.
+  const out = new Uint8Array(2 * total);
+  const to = new DataView(out.buffer);
+  for (let y = 0, place = 0; y < rows; y++) {
+    words.forEach((n, c) => {
+      const from = starts[c] + width * n * y;
+      for (let i = 0; i < width * n; i++, place += 2) to.setUint16(place, values[from + i], true);
+    });
+  }
+  return out;
+}
+
+const LONGEST_CODE = 58, LONG_RUN = 63, SHORT_RUN = 59, QUICK = 12;
+
+/** Canonical Huffman code; the last symbol repeats the number before it as often as the 8 bits behind it say. */
+function unpackHuffman(bytes, total) {
+  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  const [low, high, bitCount] = [0, 4, 12].map((o) => view.getUint32(o, true));
+  if (low >= 65537 || high >= 65537) throw new Error("damaged PIZ: its symbols");
+  let at = 20, held = 0, count = 0;
+  const bits = (n) => {
+    while (count < n) {
+      if (at >= bytes.length) throw new Error("damaged PIZ: it ends early");
+      held = ((held & 0xffff) << 8) | bytes[at++];
+      count += 8;
+    }
+    count -= n;
+    return (held >> count) & ((1 << n) - 1);
+  };
+  const lengths = new Uint8Array(65537);
+  for (let i = low; i <= high; ) {
+    const n = bits(6);
+    if (n < SHORT_RUN) lengths[i++] = n;
+    else i += n === LONG_RUN ? bits(8) + 6 : n - SHORT_RUN + 2;
+  }
+  // The longest codes have the smallest numbers.
+  const counts = new Array(LONGEST_CODE + 1).fill(0);
+  for (let i = low; i <= high; i++) counts[lengths[i]]++;
+  const first = new Array(LONGEST_CODE + 2).fill(0);
+  for (let n = LONGEST_CODE, code = 0; n > 0; n--) {
+    first[n] = code;
+    code = Math.floor((code + counts[n]) / 2);
+  }
+  const symbols = Array.from({ length: LONGEST_CODE + 1 }, () => []);
+  for (let i = low; i <= high; i++) if (lengths[i] > 0) symbols[lengths[i]].push(i);
+  // What the next bits begin with, where that is a short code: its symbol and length.
+  const quick = new Int32Array(1 << QUICK);
+  for (let n = 1; n <= QUICK; n++) {
+    symbols[n].forEach((symbol, k) => {
+      const from = (first[n] + k) << (QUICK - n);
+      quick.fill((symbol << 6) | n, from, from + (1 << (QUICK - n)));
+    });
+  }
+  (count = 0), (held = 0);
+  const end = at * 8 + bitCount;
+  if (end > bytes.length * 8) throw new Error("damaged PIZ: it ends early");
+  let place = at * 8;
+  const peek = () => {
+    const i = place >> 3;
+    const three = ((bytes[i] ?? 0) << 16) | ((bytes[i + 1] ?? 0) << 8) | (bytes[i + 2] ?? 0);
+    return (three >> (24 - (place & 7) - QUICK)) & ((1 << QUICK) - 1);
+  };
+  const out = new Uint16Array(total);
+  let filled = 0;
+  while (place < end) {
+    const known = quick[peek()];
+    let symbol = known >> 6;
+    if (known > 0) {
+      place += known & 63;
+    } else {
+      let code = 0, n = 0;
+      do {
+        if (++n > LONGEST_CODE || place >= end) throw new Error("damaged PIZ: no such code");
+        code = 2 * code + ((bytes[place >> 3] >> (7 - (place & 7))) & 1);
+        place++;
+      } while (!(code >= first[n] && code - first[n] < symbols[n].length));
+      symbol = symbols[n][code - first[n]];
+    }
+    if (symbol !== high) {
+      if (filled >= total) throw new Error("damaged PIZ: too many numbers");
+      out[filled++] = symbol;
+      continue;
+    }
+    const i = place >> 3;
+    const repeat = ((((bytes[i] ?? 0) << 8) | (bytes[i + 1] ?? 0)) >> (8 - (place & 7))) & 255;
+    place += 8;
+    if (filled === 0 || filled + repeat > total) throw new Error("damaged PIZ: a run goes beyond its block");
+    out.fill(out[filled - 1], filled, filled + repeat);
+    filled += repeat;
+  }
+  if (filled !== total) throw new Error("damaged PIZ: too few numbers");
+  return out;
+}
+
+/** Undoes the wavelet of a channel in place: from the coarsest level, squares of 2 × 2 means and differences. */
+function inverseWavelet(values, start, nx, ox, ny, oy, isShort) {
+  let a = 0, b = 0;
+  // A mean and a difference as two numbers; of few numbers with signs, else modulo 2¹⁶.
+  const split = (mean, difference) => {
+    if (isShort) {
+      const d = (difference << 16) >> 16;
+      const whole = ((mean << 16) >> 16) + (d & 1) + (d >> 1);
+      (a = whole & 65535), (b = (whole - d) & 65535);
+    } else {
+      b = (mean - (difference >> 1)) & 65535;
+      a = (difference + b - 32768) & 65535;
+    }
+  };
+  let p = 1;
+  while (p <= Math.min(nx, ny)) p *= 2;
+  for (let p2 = p >> 1, p1 = p >> 2; p1 >= 1; p2 = p1, p1 >>= 1) {
+    const [ox1, oy1] = [ox * p1, oy * p1];
+    let y = 0;
+    for (; y <= ny - p2; y += p2) {
+      let x = 0;
+      for (; x <= nx - p2; x += p2) {
+        const i = start + ox * x + oy * y;
+        split(values[i], values[i + oy1]);
+        const [i00, i10] = [a, b];
+        split(values[i + ox1], values[i + ox1 + oy1]);
+        const [i01, i11] = [a, b];
+        split(i00, i01);
+        (values[i] = a), (values[i + ox1] = b);
+        split(i10, i11);
+        (values[i + oy1] = a), (values[i + ox1 + oy1] = b);
+      }
+      if (nx & p1) {
+        const i = start + ox * x + oy * y;
+        split(values[i], values[i + oy1]);
+        (values[i] = a), (values[i + oy1] = b);
+      }
+    }
+    if (ny & p1) {
+      for (let x = 0; x <= nx - p2; x += p2) {
+        const i = start + ox * x + oy * y;
+        split(values[i], values[i + ox1]);
+        (values[i] = a), (values[i + ox1] = b);
+      }
+    }
+  }
 }

@@ -59,12 +59,13 @@ pub(crate) fn needs_second_file(format: &'static str, name: &str) -> Error {
 pub(crate) fn metres_in(unit: &str) -> Option<f64> {
     Some(match unit.trim().trim_matches('"') {
         "m" | "meter" | "metre" | "meters" | "metres" => 1.0,
+        "dm" | "decimeter" => 1e-1,
         "cm" | "centimeter" => 1e-2,
         "mm" | "millimeter" | "millimetre" | "millimeters" | "millimetres" => 1e-3,
         "um" | "µm" | "μm" | "\\u00B5m" | "\\u00b5m" | "micron" | "microns" | "micrometer" | "micrometre" => 1e-6,
         "nm" | "nanometer" | "nanometre" => 1e-9,
-        "pm" => 1e-12,
-        "km" => 1e3,
+        "pm" | "picometer" => 1e-12,
+        "km" | "kilometer" => 1e3,
         "A" | "Å" | "\u{212b}" | "angstrom" | "Angstrom" | "angstroms" => ANGSTROM,
         "bohr" | "Bohr" | "au" => BOHR,
         "in" | "inch" | "inches" => 0.0254,

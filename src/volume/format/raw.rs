@@ -61,6 +61,12 @@ fn ones() -> [f64; 3] {
 pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBeside>) -> Result<Volume> {
     let mut text = Vec::new();
     (&mut source).take(LONGEST).read_to_end(&mut text).map_err(|e| Error::from_read(NAME, "JSON", e))?;
+    if let Ok(serde_json::Value::Object(other)) = serde_json::from_slice(&text)
+        && ["zarr_format", "multiscales", "plate", "ome"].iter().any(|key| other.contains_key(*key))
+    {
+        let remedy = "name the folder that holds it: isolume info FOLDER";
+        return Err(Error::format(NAME, "the metadata of Zarr", "a description of raw samples", remedy));
+    }
     let sidecar: Sidecar = serde_json::from_slice(&text).map_err(|e| {
         Error::format(
             NAME,

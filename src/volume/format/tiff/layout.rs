@@ -7,16 +7,26 @@ use super::super::super::{LengthUnit, Note};
 use super::super::metres_in;
 use super::ome::Ome;
 use crate::error::Result;
+use crate::file::Beside;
 use ::tiff::decoder::Decoder;
 use ::tiff::decoder::ifd::Value;
 use ::tiff::tags::Tag;
 use glam::DVec3;
 use std::io::{Read, Seek};
 
+/// A page of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Page {
+    /// Another file than the one at hand.
+    pub(super) file: Option<String>,
+    /// From 0.
+    pub(super) number: usize,
+}
+
 /// Where the sections are.
 pub(super) struct Layout {
     /// Their pages, lowest first; `None` for all pages of full resolution.
-    pub(super) pages: Option<Vec<usize>>,
+    pub(super) pages: Option<Vec<Page>>,
     pub(super) spacing: DVec3,
     pub(super) unit: LengthUnit,
     pub(super) series: Series,
@@ -34,7 +44,11 @@ impl Layout {
     }
 
     /// What the first page says.
-    pub(super) fn read<R: Read + Seek>(decoder: &mut Decoder<R>, choice: &Choice) -> Result<Self> {
+    pub(super) fn read<R: Read + Seek>(
+        decoder: &mut Decoder<R>,
+        choice: &Choice,
+        beside: Option<&Beside>,
+    ) -> Result<Self> {
         let text = match decoder.find_tag(Tag::ImageDescription) {
             Ok(None) => return Self::plain(choice),
             Ok(Some(Value::Ascii(text))) => text,
@@ -49,7 +63,7 @@ impl Layout {
             }
         };
         if text.contains("<OME") || text.contains(":OME") {
-            return Ome::parse(&text)?.layout(choice);
+            return Ome::parse(&text)?.completed(beside)?.layout(choice);
         }
         if text.starts_with("ImageJ=") {
             return Self::of_imagej(decoder, &text, choice);
@@ -73,7 +87,7 @@ impl Layout {
             let sections = count("slices").or(images).unwrap_or(1).min(1 << 24);
             let Series { channel, timepoint, .. } = layout.series;
             let page = |z: usize| channel + channels * (z + sections * timepoint);
-            layout.pages = Some((0..sections).map(page).collect());
+            layout.pages = Some((0..sections).map(|z| Page { file: None, number: page(z) }).collect());
             layout.announced = None;
         }
         // Pixels in a unit; as a rational that the decoder hands out as two numbers.

@@ -1,10 +1,11 @@
 //! TIFF stacks: each page is a section, the first at z = 0; rows run along x, the first row at
 //! y = 0 (the image's top). Pages are decoded by the `tiff` crate. Which page is which section, and the
 //! spacing, are read where OME-XML or ImageJ say it ([`layout`]); plain resolution tags are mostly 72 dpi by
-//! habit and are ignored. Pages of reduced resolution are no sections.
+//! habit and are ignored. Pages of reduced resolution are no sections; those below a page (SubIFDs) are levels of a pyramid.
 
 #![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
+mod directed;
 mod layout;
 mod ome;
 
@@ -13,18 +14,22 @@ use super::super::decode::{Data, checked_count};
 use super::super::read::ReadHint;
 use super::super::source::Source;
 use super::super::{LengthUnit, Volume};
-use super::affine;
+use super::{affine, needs_second_file};
 use crate::error::{Error, Result};
+use crate::file::Beside;
 use ::tiff::decoder::{Decoder, DecodingResult, Limits};
 use ::tiff::tags::Tag;
 use ::tiff::{ColorType, TiffError};
+use directed::Directed;
 use glam::{DMat3, DVec3};
-use layout::Layout;
-use std::io::{Cursor, Read, Seek, SeekFrom};
+use layout::{Layout, Page};
+use std::io::{BufReader, Cursor, Read, Seek, SeekFrom};
 
 const NAME: &str = "TIFF";
 /// No supported compression expands by more: deflate reaches 1032, LZW and fax less in practice.
 const MOST_EXPANSION: u64 = 4096;
+/// Most levels of a pyramid.
+const MOST_LEVELS: usize = 32;
 
 fn error(e: TiffError) -> Error {
     match e {
@@ -61,7 +66,7 @@ pub(crate) fn read_stream(source: Source, hint: &ReadHint) -> Result<Volume> {
         });
     }
     let length = bytes.len() as u64;
-    read(Cursor::new(bytes), length, hint)
+    read(Cursor::new(bytes), length, hint, None)
 }
 
 /// Refuses a first directory with entries longer than the file. The decoder takes limits only after it
@@ -139,20 +144,48 @@ fn decoder<R: Read + Seek>(mut source: R, length: u64, hint: &ReadHint) -> Resul
     Ok((Decoder::new(source).map_err(error)?.with_limits(limits), most))
 }
 
-/// Reads from something that can seek.
-pub(crate) fn read(source: impl Read + Seek, length: u64, hint: &ReadHint) -> Result<Volume> {
+/// Reads from something that can seek; `beside` is where the other files of a set lie.
+pub(crate) fn read(source: impl Read + Seek, length: u64, hint: &ReadHint, beside: Option<&Beside>) -> Result<Volume> {
     let (mut decoder, most) = decoder(source, length, hint)?;
-    let Layout { pages, spacing, unit, series, announced, mut notes } = Layout::read(&mut decoder, &hint.choice)?;
+    let layout = Layout::read(&mut decoder, &hint.choice, beside)?;
+    let Layout { pages, mut spacing, unit, mut series, announced, mut notes } = layout;
     let mut stack = Stack::default();
     let mut reduced = 0;
+    let levels = levels(&mut decoder, pages.as_deref(), length, hint)?;
+    let level = hint.choice.level_of(&levels, &mut notes)?;
+    if let (Some([w0, h0, _]), Some([w, h, _]), 1..) = (levels.first(), levels.get(level), level) {
+        spacing *= DVec3::new(*w0 as f64 / *w as f64, *h0 as f64 / *h as f64, 1.0);
+        notes.push(note("levels have no place of their own: this one may be shifted by half a pixel of it", 1));
+    }
+    (series.levels, series.level) = (levels, level);
+    let pages = match (pages, level) {
+        (None, 1..) => Some(whole_pages(&mut decoder)?),
+        (pages, _) => pages,
+    };
     match pages {
         Some(pages) => {
-            // The decoder lists what it walks past, and walks forward only.
-            let last = pages.iter().copied().max().unwrap_or(0);
-            decoder.seek_to_image(last).map_err(|e| missing(last, e))?;
-            for page in pages {
-                decoder.seek_to_image(page).map_err(|e| missing(page, e))?;
-                stack.add(&mut decoder, page as u64, most, hint)?;
+            let mut rest = pages.as_slice();
+            while let Some(first) = rest.first() {
+                let (run, after) = rest.split_at(rest.iter().take_while(|page| page.file == first.file).count());
+                let mut read = Pages { run, level, hint, stack: &mut stack };
+                match (&first.file, beside) {
+                    (None, _) => read.from(&mut decoder, length, most)?,
+                    (Some(name), Some(beside)) => {
+                        let mut from = || {
+                            let (file, length, _) = beside.open(name)?;
+                            let (mut other, most) = self::decoder(BufReader::new(file), length, hint)?;
+                            read.from(&mut other, length, most)
+                        };
+                        from().map_err(|e| e.in_file(name))?;
+                    }
+                    (Some(name), None) => return Err(needs_second_file(NAME, name)),
+                }
+                rest = after;
+            }
+            let files = pages.iter().filter_map(|page| page.file.as_ref()).collect::<std::collections::BTreeSet<_>>();
+            if !files.is_empty() {
+                notes
+                    .push(note(format!("sections were read from {} other files of the set", files.len()), files.len()));
             }
         }
         None => loop {
@@ -184,6 +217,106 @@ pub(crate) fn read(source: impl Read + Seek, length: u64, hint: &ReadHint) -> Re
     assemble(Parts { format: NAME, dims, data, slope, inter, world_from_grid, unit, series, notes }, hint)
 }
 
+/// The first file with pages that a companion of OME-TIFF files names, where the text is one.
+pub(crate) fn file_of_companion(text: &str) -> Option<Result<String>> {
+    (text.contains("<OME") || text.contains(":OME")).then(|| {
+        let ome = ome::Ome::parse(text)?;
+        ome.first_file().map(String::from).ok_or_else(|| {
+            let remedy = "name the .ome.tif file";
+            Error::format("OME-XML", "metadata without pixels", "the names of TIFF files", remedy)
+        })
+    })
+}
+
+/// The pages of full resolution.
+fn whole_pages<R: Read + Seek>(decoder: &mut Decoder<R>) -> Result<Vec<Page>> {
+    decoder.seek_to_image(0).map_err(error)?;
+    let (mut pages, mut number) = (Vec::new(), 0);
+    loop {
+        if !is_reduced(decoder) {
+            pages.push(Page { file: None, number });
+        }
+        if !decoder.more_images() {
+            break;
+        }
+        decoder.next_image().map_err(error)?;
+        number += 1;
+    }
+    decoder.seek_to_image(0).map_err(error)?;
+    Ok(pages)
+}
+
+/// Places of the smaller copies below the page at which the decoder stands.
+fn below<R: Read + Seek>(decoder: &mut Decoder<R>) -> Vec<u64> {
+    decoder.find_tag_unsigned_vec(Tag::SubIfd).ok().flatten().unwrap_or_default()
+}
+
+/// Samples of the levels: of the first page that is wanted, and of the copies below it, as many as there are sections.
+fn levels<R: Read + Seek>(
+    decoder: &mut Decoder<R>,
+    pages: Option<&[Page]>,
+    length: u64,
+    hint: &ReadHint,
+) -> Result<Vec<[u64; 3]>> {
+    if let Some(page) = pages.and_then(|pages| pages.first()) {
+        if page.file.is_some() {
+            return Ok(Vec::new());
+        }
+        seek_far(decoder, page.number)?;
+    }
+    let places = below(decoder);
+    if places.is_empty() {
+        decoder.seek_to_image(0).map_err(error)?;
+        return Ok(Vec::new());
+    }
+    let sections = match pages {
+        Some(pages) => pages.len(),
+        None => whole_pages(decoder)?.len(),
+    } as u64;
+    let size = |(width, height): (u32, u32)| [u64::from(width), u64::from(height), sections];
+    let mut levels = vec![size(decoder.dimensions().map_err(error)?)];
+    // A place of 0 is one that was never written.
+    for place in places.into_iter().take_while(|place| *place > 0).take(MOST_LEVELS) {
+        let (mut lower, _) = self::decoder(Directed::new(decoder.inner(), place), length, hint)?;
+        levels.push(size(lower.dimensions().map_err(error)?));
+    }
+    decoder.seek_to_image(0).map_err(error)?;
+    Ok(levels)
+}
+
+/// Goes to a page; the decoder lists what it walks past, and walks forward only.
+fn seek_far<R: Read + Seek>(decoder: &mut Decoder<R>, page: usize) -> Result<()> {
+    decoder.seek_to_image(page).map_err(|e| missing(page, e))
+}
+
+/// Pages of one file that are the next sections.
+struct Pages<'a> {
+    run: &'a [Page],
+    level: usize,
+    hint: &'a ReadHint,
+    stack: &'a mut Stack,
+}
+
+impl Pages<'_> {
+    fn from<R: Read + Seek>(&mut self, decoder: &mut Decoder<R>, length: u64, most: u64) -> Result<()> {
+        seek_far(decoder, self.run.iter().map(|page| page.number).max().unwrap_or(0))?;
+        for page in self.run {
+            seek_far(decoder, page.number)?;
+            let Some(copy) = self.level.checked_sub(1) else {
+                self.stack.add(decoder, page.number as u64, most, self.hint)?;
+                continue;
+            };
+            let place = below(decoder).get(copy).copied().filter(|place| *place > 0).ok_or_else(|| {
+                let found = format!("page {} without level {}", page.number, self.level);
+                Error::format(NAME, found, "as many levels of each page", "choose another with --level")
+            })?;
+            let (mut lower, most) = self::decoder(Directed::new(decoder.inner(), place), length, self.hint)?;
+            self.stack.add(&mut lower, page.number as u64, most, self.hint)?;
+        }
+        Ok(())
+    }
+}
+
 /// What one file of a folder of slices holds.
 pub(crate) struct Slice {
     pub(crate) size: (u32, u32),
@@ -196,7 +329,7 @@ pub(crate) struct Slice {
 pub(crate) fn read_slice(source: impl Read + Seek, length: u64, hint: &ReadHint) -> Result<Slice> {
     let (mut decoder, most) = decoder(source, length, hint)?;
     let any = super::super::Choice { any_channel: true, ..Default::default() };
-    let said = Layout::read(&mut decoder, &any).ok().map(|layout| (layout.spacing, layout.unit));
+    let said = Layout::read(&mut decoder, &any, None).ok().map(|layout| (layout.spacing, layout.unit));
     // The description may belong to a set of files, of which this is one page.
     decoder.seek_to_image(0).map_err(error)?;
     let mut stack = Stack::default();

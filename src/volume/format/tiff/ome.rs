@@ -7,14 +7,18 @@
 use super::super::super::LengthUnit;
 use super::super::super::assemble::note;
 use super::super::super::choice::Choice;
-use super::super::metres_in;
 use super::super::xml::{Attributes, Event, scan};
-use super::layout::Layout;
+use super::super::{metres_in, needs_second_file};
+use super::layout::{Layout, Page};
 use crate::error::{Error, Result};
+use crate::file::Beside;
 use glam::DVec3;
 
 /// Most planes of an image: more than the pages of any file.
 const MOST_PLANES: usize = 1 << 24;
+
+/// Longest companion file.
+const MOST_METADATA: u64 = 1 << 28;
 
 /// The axes of pages.
 const Z: usize = 0;
@@ -40,6 +44,8 @@ pub(super) struct Ome {
     physical: [Option<(f64, String)>; 3],
     channels: Vec<String>,
     blocks: Vec<TiffData>,
+    /// The file in which all of it stands.
+    companion: Option<String>,
 }
 
 /// Some planes in a row.
@@ -63,6 +69,10 @@ impl Ome {
         scan(text, damaged, &mut |event| {
             match event {
                 Event::Start("OME", attributes) => ome.uuid = attributes.get("UUID"),
+                Event::Start("BinaryOnly", attributes) => {
+                    ome.uuid = attributes.get("UUID");
+                    ome.companion = attributes.get("MetadataFile");
+                }
                 Event::Start("Image", _) => ome.images += 1,
                 Event::Start(..) if ome.images != 1 => {}
                 Event::Start("Pixels", attributes) => ome.pixels(attributes)?,
@@ -89,6 +99,9 @@ impl Ome {
             }
             Ok(())
         })?;
+        if ome.companion.is_some() {
+            return Ok(ome);
+        }
         if ome.sizes.contains(&0) {
             return Err(damaged("no Pixels with SizeZ, SizeC and SizeT".into()));
         }
@@ -98,6 +111,31 @@ impl Ome {
         }
         ome.channels.resize(ome.sizes[C], String::new());
         Ok(ome)
+    }
+
+    /// With what stands in the companion file, where there is one.
+    ///
+    /// # Errors
+    /// When it is not there, or names another one.
+    pub(super) fn completed(self, beside: Option<&Beside>) -> Result<Self> {
+        let Some(name) = &self.companion else { return Ok(self) };
+        let beside = beside.ok_or_else(|| needs_second_file("OME-TIFF", name))?;
+        let text = beside.read(name, MOST_METADATA)?;
+        let read = || {
+            let whole = Self::parse(&String::from_utf8_lossy(&text))?;
+            if whole.companion.is_some() {
+                Err(damaged("a companion that names another one".into()))
+            } else {
+                Ok(whole)
+            }
+        };
+        let whole = read().map_err(|e| e.in_file(name))?;
+        Ok(Self { uuid: self.uuid, ..whole })
+    }
+
+    /// The first file that holds pages, for who has the companion.
+    pub(super) fn first_file(&self) -> Option<&str> {
+        self.blocks.iter().find_map(|block| block.file.as_deref())
     }
 
     fn pixels(&mut self, attributes: Attributes<'_>) -> Result<()> {
@@ -181,7 +219,7 @@ impl Ome {
     }
 
     /// The page of each section.
-    fn pages(&self, channel: usize, timepoint: usize) -> Result<Vec<usize>> {
+    fn pages(&self, channel: usize, timepoint: usize) -> Result<Vec<Page>> {
         let mut found = vec![None; self.sizes[Z]];
         let total: usize = self.sizes.iter().product();
         let whole = [TiffData::default()];
@@ -194,7 +232,7 @@ impl Ome {
             (Some(of_block), Some(own)) => of_block == own,
             _ => names.len() <= 1,
         };
-        for block in blocks.iter().filter(|block| is_here(block)) {
+        for block in blocks {
             let count = block.count.unwrap_or(if block.page.is_some() { 1 } else { total });
             let first = self.order.iter().rev().fold(0, |n, &axis| n * self.sizes[axis] + block.first[axis]);
             for k in 0..count.min(total.saturating_sub(first)) {
@@ -207,17 +245,16 @@ impl Ome {
                 if (plane[C], plane[T]) == (channel, timepoint)
                     && let Some(slot) = found.get_mut(plane[Z])
                 {
-                    *slot = Some(block.page.unwrap_or(0) + k);
+                    let file = if is_here(block) { None } else { block.file.clone().or_else(|| block.uuid.clone()) };
+                    *slot = Some(Page { file, number: block.page.unwrap_or(0) + k });
                 }
             }
         }
         let missing = found.iter().position(Option::is_none);
         missing.map_or(Ok(found.into_iter().flatten().collect()), |z| {
-            let elsewhere = blocks.iter().find(|block| !is_here(block)).and_then(|block| block.file.clone());
-            let where_to = elsewhere.map_or("not in this file".into(), |file| format!("in another file, {file}"));
-            let remedy = "join the set into one file, for example: bfconvert SET.ome.tif ONE.ome.tif";
-            let found = format!("section {z} of channel {channel} and time point {timepoint} {where_to}");
-            Err(Error::format("OME-TIFF", found, "all sections in one file", remedy))
+            let remedy = "write the file anew, for example: bfconvert SET.ome.tif ONE.ome.tif";
+            let found = format!("section {z} of channel {channel} and time point {timepoint} on no page");
+            Err(Error::format("OME-TIFF", found, "all sections on pages", remedy))
         })
     }
 }
@@ -261,9 +298,10 @@ mod tests {
             ("XYTCZ", [3, 7, 11]),
             ("XYTZC", [7, 9, 11]),
         ];
+        let numbers = |layout: Layout| layout.pages.unwrap().iter().map(|p| p.number).collect::<Vec<_>>();
         for (order, pages) in cases {
             for inside in ["", "<TiffData/>", "<TiffData IFD='0' PlaneCount='12'/>"] {
-                assert_eq!(ome(&sizes(order), inside).unwrap().pages.unwrap(), pages, "{order} {inside}");
+                assert_eq!(numbers(ome(&sizes(order), inside).unwrap()), pages, "{order} {inside}");
             }
         }
     }
@@ -272,12 +310,19 @@ mod tests {
     fn tiff_data_has_the_last_word() {
         let scattered = "<TiffData FirstZ='0' FirstC='1' FirstT='1' IFD='5'/><TiffData FirstZ='2' FirstC='1' \
                          FirstT='1' IFD='0'/><TiffData FirstZ='1' FirstC='1' FirstT='1' IFD='9' PlaneCount='1'/>";
-        assert_eq!(ome(&sizes("XYZCT"), scattered).unwrap().pages.unwrap(), [5, 9, 0]);
+        let pages = |inside: &str| {
+            let pages = ome(&sizes("XYZCT"), inside).unwrap().pages.unwrap();
+            pages.into_iter().map(|p| (p.file.unwrap_or_default(), p.number)).collect::<Vec<_>>()
+        };
+        let here = |numbers: [usize; 3]| numbers.map(|n| (String::new(), n)).to_vec();
+        assert_eq!(pages(scattered), here([5, 9, 0]));
         let own = "<TiffData IFD='0' PlaneCount='12'><UUID FileName='old name.tif'>urn:a</UUID></TiffData>";
-        assert_eq!(ome(&sizes("XYZCT"), own).unwrap().pages.unwrap(), [9, 10, 11]);
+        assert_eq!(pages(own), here([9, 10, 11]));
         let other = "<TiffData IFD='0' PlaneCount='12'><UUID FileName='b.tif'>urn:b</UUID></TiffData>";
-        let text = ome(&sizes("XYZCT"), other).err().unwrap().to_string();
-        assert!(text.contains("b.tif") && text.contains("bfconvert"), "{text}");
+        assert_eq!(pages(other), [9, 10, 11].map(|n| ("b.tif".to_string(), n)));
+        let some = "<TiffData IFD='0' PlaneCount='10'/>";
+        let text = ome(&sizes("XYZCT"), some).err().unwrap().to_string();
+        assert!(text.contains("section 1 of channel 1") && text.contains("bfconvert"), "{text}");
     }
 
     #[test]
