@@ -10,7 +10,7 @@ use isolume::level::{Counts, Horizon, LevelField, Outcome, Pyramid, Site};
 use isolume::sampling::{PathSampler, warp};
 use isolume::transfer::{Lattice, Layers, Layout, Selection};
 use isolume::transport::{Bake, Settings, pilot};
-use isolume::volume::{Sample, Samples, Shadowing, Volume, field, open};
+use isolume::volume::{Sample, SamplesView, Shadowing, Volume, field, open};
 use std::time::Instant;
 
 /// Texels that are looked at, at most.
@@ -42,12 +42,12 @@ fn measure(name: &str, mut volume: Volume) {
     volume.shadowing = Shadowing::Traced;
     let pyramid = Pyramid::new(&volume);
     let paths = paths_ns(&volume, &pyramid);
-    match volume.samples() {
-        Samples::U8(s) => proofs(name, &volume, &LevelField::new(&volume, s, &pyramid), paths),
-        Samples::I8(s) => proofs(name, &volume, &LevelField::new(&volume, s, &pyramid), paths),
-        Samples::U16(s) => proofs(name, &volume, &LevelField::new(&volume, s, &pyramid), paths),
-        Samples::I16(s) => proofs(name, &volume, &LevelField::new(&volume, s, &pyramid), paths),
-        Samples::F32(s) => proofs(name, &volume, &LevelField::new(&volume, s, &pyramid), paths),
+    match volume.samples().view() {
+        SamplesView::U8(s) => proofs(name, &volume, &LevelField::new(&volume, s, &pyramid), paths),
+        SamplesView::I8(s) => proofs(name, &volume, &LevelField::new(&volume, s, &pyramid), paths),
+        SamplesView::U16(s) => proofs(name, &volume, &LevelField::new(&volume, s, &pyramid), paths),
+        SamplesView::I16(s) => proofs(name, &volume, &LevelField::new(&volume, s, &pyramid), paths),
+        SamplesView::F32(s) => proofs(name, &volume, &LevelField::new(&volume, s, &pyramid), paths),
     }
 }
 

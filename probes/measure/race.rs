@@ -13,7 +13,7 @@ use glam::Vec3;
 use isolume::geom::Frame;
 use isolume::level::{Counts, LevelField, Outcome, Pyramid, Start, trace_all};
 use isolume::sampling::{hash, warp};
-use isolume::volume::{Sample, Samples, Volume};
+use isolume::volume::{Sample, SamplesView, Volume};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -45,12 +45,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("order,rays,median_ns_cpu,least_ns_cpu,nodes,cells,solves,hit_share,lost_share");
     for order in ["scattered", "texel"] {
         let race = Race { volume: &volume, pyramid: &pyramid, isovalue, order, count, repeat, out: out.as_deref() };
-        match volume.samples() {
-            Samples::U8(s) => race.run(s, &mesh.positions_in_grid)?,
-            Samples::I8(s) => race.run(s, &mesh.positions_in_grid)?,
-            Samples::U16(s) => race.run(s, &mesh.positions_in_grid)?,
-            Samples::I16(s) => race.run(s, &mesh.positions_in_grid)?,
-            Samples::F32(s) => race.run(s, &mesh.positions_in_grid)?,
+        match volume.samples().view() {
+            SamplesView::U8(s) => race.run(s, &mesh.positions_in_grid)?,
+            SamplesView::I8(s) => race.run(s, &mesh.positions_in_grid)?,
+            SamplesView::U16(s) => race.run(s, &mesh.positions_in_grid)?,
+            SamplesView::I16(s) => race.run(s, &mesh.positions_in_grid)?,
+            SamplesView::F32(s) => race.run(s, &mesh.positions_in_grid)?,
         }
     }
     Ok(())

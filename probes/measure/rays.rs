@@ -9,7 +9,7 @@
 use glam::{DVec3, Vec3};
 use isolume::geom::{Affine, Frame};
 use isolume::level::{Counts, LevelField, Outcome, Pyramid, cell};
-use isolume::volume::{Sample, Samples, Volume};
+use isolume::volume::{Sample, Samples, SamplesView, Volume};
 use std::f32::consts::TAU;
 use std::time::Instant;
 
@@ -69,9 +69,9 @@ fn report(name: &str, side: usize, rays: usize, samples: Samples) {
     let volume = Volume::new([side; 3], samples, affine).expect("finite samples");
     let pyramid = Pyramid::new(&volume);
     let (cpu, wall) = (processor_seconds(), Instant::now());
-    let (counts, outcomes, checksum) = match volume.samples() {
-        Samples::U8(s) => bake(&LevelField::new(&volume, s, &pyramid), side, rays),
-        Samples::F32(s) => bake(&LevelField::new(&volume, s, &pyramid), side, rays),
+    let (counts, outcomes, checksum) = match volume.samples().view() {
+        SamplesView::U8(s) => bake(&LevelField::new(&volume, s, &pyramid), side, rays),
+        SamplesView::F32(s) => bake(&LevelField::new(&volume, s, &pyramid), side, rays),
         _ => unreachable!("only these two are made here"),
     };
     let (cpu, wall) = (processor_seconds() - cpu, wall.elapsed().as_secs_f64());

@@ -20,7 +20,7 @@ use isolume::surface::{Mesh, extract_with_normals};
 use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{Lattice, Layers, Layout, MemoryTexture, Selection};
 use isolume::transport::{Bake, Progress, Settings, bake};
-use isolume::volume::{Samples, Volume, field};
+use isolume::volume::{SamplesView, Volume, field};
 use rayon::prelude::*;
 
 const ALBEDO: f32 = 0.7;
@@ -39,8 +39,8 @@ struct Scene {
 }
 
 fn level_field<'a>(volume: &'a Volume, pyramid: &'a Pyramid) -> LevelField<'a, f32> {
-    match volume.samples() {
-        Samples::F32(samples) => LevelField::new(volume, samples, pyramid),
+    match volume.samples().view() {
+        SamplesView::F32(samples) => LevelField::new(volume, samples, pyramid),
         _ => unreachable!("analytic fields are f32"),
     }
 }

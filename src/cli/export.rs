@@ -9,16 +9,12 @@ use super::{Outcome, text};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::export::field::{RadianceField, write_nrrd, write_raw, write_raw_header, write_vti};
-use crate::grid3;
 use crate::probe::{EnvFrame, SunSplit};
-use crate::relight::{LookupReport, Material};
+use crate::relight::Material;
 use crate::scene::MaterialRule;
-use crate::session::{Lighting, radiance_of_bricks};
+use crate::session::{Lighting, RelitField};
 use crate::transfer::store::Completeness;
 use crate::transfer::store::Store;
-use crate::transfer::{BRICK, BrickSource, BrickView, Lattice, Selection, validity};
-use crate::volume::Volume;
-use glam::{DMat3, DVec3};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -82,55 +78,33 @@ impl Export {
         let lighting =
             Lighting::new(&probe, volume.up, &layout.layers, &self.light.options(SunSplit::Off)).map_err(by_option)?;
         lighting.notes().iter().for_each(|note| console.note(sentence(&probe.name, note)));
-        let bricks = Selection::all(layout.lattice).bricks();
-        let (contracted, _) =
-            radiance_of_bricks(&store, &bricks, &lighting, &material, &self.light.luminaires).map_err(by_option)?;
-        let views = bricks.iter().map(|&b| store.brick(b)).collect::<Result<Vec<_>, Error>>()?;
-        let (mut radiance, mut valid, mut values) = (Vec::new(), Vec::new(), Vec::new());
-        let [mx, my, mz] = layout.lattice.texels();
-        let mut report = LookupReport::default();
-        for i in 0..mx * my * mz {
-            let texel = grid3::at([mx, my], i);
-            let at = layout.lattice.grid_from_texel(texel);
-            let before = report;
-            let rgb =
-                contracted.radiance_at(at.map(|v| v as f32), [0.0, 0.0, 1.0], lighting.light(), &material, &mut report);
-            let none = report.unoccluded > before.unoccluded;
-            radiance.push(if none { [0.0; 3] } else { rgb });
-            let has_level_set = is_valid(&views, layout.lattice, texel);
-            valid.push(if none {
-                0
-            } else if has_level_set {
-                1
-            } else {
-                2
-            });
-            values.push(value(&volume, at));
-        }
-        let lit: Vec<[f32; 3]> = radiance.iter().zip(&valid).filter(|(_, v)| **v == 1).map(|(r, _)| *r).collect();
+        let field =
+            RelitField::new(&store, &volume, &lighting, &material, &self.light.luminaires).map_err(by_option)?;
+        let lit = field.lit();
         if lit.is_empty() {
             let remedy = "bake it first: isolume bake VOLUME -o X.isolume";
             return Err(
                 Error::argument("store", "no texel with a level set", "at least one that is baked", remedy).into()
             );
         }
-        let filled = valid.iter().filter(|v| **v == 2).count() as u64;
+        let filled = field.valid.iter().filter(|v| **v == 2).count() as u64;
         let exposure = self.material.exposure.factor(&lit);
         let provenance = json!({
             "program": concat!("isolume ", env!("CARGO_PKG_VERSION")),
             "volume": volume.name, "store": store.identity().hash(), "environment": probe.name,
             "env_rotate_degrees": self.light.env_rotate, "env_frame": EnvFrame::from(self.light.env_frame).name(), "window": lighting.options().window.name(),
             "albedo": material.albedo, "emission": material.emission, "exposure_ev": f64::from(exposure).log2(),
-            "noise_over_mean": contracted.noise.relative(),
+            "noise_over_mean": field.noise,
         });
-        let (origin, steps) = placement(&volume, layout.lattice);
+        let RelitField { dims, origin, steps, radiance, valid, values, .. } = &field;
+        let [mx, my, mz] = *dims;
         let field = RadianceField {
-            dims: layout.lattice.texels(),
-            origin,
-            steps,
-            radiance: &radiance,
-            valid: &valid,
-            values: &values,
+            dims: *dims,
+            origin: *origin,
+            steps: *steps,
+            radiance,
+            valid,
+            values,
             exposure,
             provenance: &provenance,
         };
@@ -190,38 +164,4 @@ fn write(path: &Path, format: Format, field: &RadianceField<'_>) -> Outcome {
         }
     }
     Ok(())
-}
-
-/// Whether a texel has a level set; `views` are all bricks, x fastest.
-fn is_valid(views: &[Option<BrickView<'_>>], lattice: Lattice, texel: [usize; 3]) -> bool {
-    let [bx, by, _] = lattice.bricks();
-    let inner = texel[0] % BRICK + BRICK * (texel[1] % BRICK + BRICK * (texel[2] % BRICK));
-    views[texel[0] / BRICK + bx * (texel[1] / BRICK + by * (texel[2] / BRICK))]
-        .is_some_and(|view| view.validity[inner] & validity::VALID != 0)
-}
-
-/// World position of the first texel and the steps from texel to texel.
-fn placement(volume: &Volume, lattice: Lattice) -> (DVec3, DMat3) {
-    let world_from_grid = volume.world_from_grid();
-    let steps = DMat3::from_diagonal(DVec3::new(lattice.step(0), lattice.step(1), lattice.step(2)));
-    (world_from_grid.offset(), world_from_grid.linear() * steps)
-}
-
-/// The trilinear field at a grid position, in the file's values.
-fn value(volume: &Volume, at: [f64; 3]) -> f32 {
-    let dims = volume.dims();
-    let base: [usize; 3] = std::array::from_fn(|a| (at[a] as usize).min(dims[a].saturating_sub(2)));
-    let mut sum = 0.0;
-    for corner in 0..8 {
-        let mut weight = 1.0;
-        let index: [usize; 3] = std::array::from_fn(|a| {
-            let (high, part) = (corner >> a & 1, at[a] - base[a] as f64);
-            weight *= if high == 1 { part } else { 1.0 - part };
-            (base[a] + high).min(dims[a] - 1)
-        });
-        if weight > 0.0 {
-            sum += weight * f64::from(volume.samples().raw(volume.index(index[0], index[1], index[2])));
-        }
-    }
-    volume.value_from_raw(sum) as f32
 }

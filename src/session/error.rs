@@ -27,11 +27,15 @@ impl Lit<'_> {
     /// # Errors
     /// When check points are damaged or a texture cannot be read.
     pub fn with_total_error(mut self) -> Result<Self> {
-        self.total = self.estimate()?;
+        self.total = self.estimate_total_error()?;
         Ok(self)
     }
 
-    fn estimate(&self) -> Result<Option<TotalError>> {
+    /// What [`Lit::with_total_error`] keeps, for who wants it later.
+    ///
+    /// # Errors
+    /// As [`Lit::with_total_error`].
+    pub fn estimate_total_error(&self) -> Result<Option<TotalError>> {
         let texels = &self.texels;
         let parts = texels.surface.parts.iter().zip(texels.surface.session.members());
         let mut first = 0;

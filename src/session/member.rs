@@ -7,10 +7,12 @@ use crate::scene::IsovalueMap;
 use crate::transfer::store::{CouplingIdentity, Store};
 use crate::volume::Volume;
 use std::ops::Deref;
+use std::sync::Arc;
 
-/// What a session owns, or was lent.
-enum Held<'a, T> {
+/// What a session owns, shares with others, or was lent.
+pub(super) enum Held<'a, T> {
     Own(Box<T>),
+    Shared(Arc<T>),
     Lent(&'a T),
 }
 
@@ -20,6 +22,7 @@ impl<T> Deref for Held<'_, T> {
     fn deref(&self) -> &T {
         match self {
             Self::Own(own) => own,
+            Self::Shared(shared) => shared,
             Self::Lent(lent) => lent,
         }
     }
@@ -40,6 +43,10 @@ pub(super) fn coupling_of(store: &Store) -> Option<&CouplingIdentity> {
 impl<'a> Member<'a> {
     pub(super) fn of_parts(store: &'a Store, volume: &'a Volume, pyramid: &'a Pyramid) -> Self {
         Self { store: Held::Lent(store), volume: Held::Lent(volume), pyramid: Held::Lent(pyramid) }
+    }
+
+    pub(super) fn sharing(store: Store, volume: Arc<Volume>, pyramid: Arc<Pyramid>) -> Self {
+        Self { store: Held::Own(Box::new(store)), volume: Held::Shared(volume), pyramid: Held::Shared(pyramid) }
     }
 
     pub(super) fn borrowing(store: &'a Store) -> Result<Self> {

@@ -30,6 +30,7 @@
 //! ```
 
 mod error;
+mod field;
 mod isosurface;
 mod light;
 mod lit;
@@ -48,6 +49,8 @@ mod write;
 #[cfg(test)]
 mod tests;
 
+#[doc(hidden)]
+pub use field::RelitField;
 pub use isosurface::Isosurface;
 pub use light::{LightNote, LightOptions, Lighting, SUN_RAYS};
 pub use lit::{Lit, LitOptions, LitTexels};
@@ -55,7 +58,7 @@ pub use member::Member;
 #[doc(hidden)]
 pub use number::number;
 pub use picture::{Background, Framing, PictureOptions, Still};
-pub use surface::{Part, Surface};
+pub use surface::{Merged, Part, Surface};
 pub use textures::LuminaireFactor;
 #[doc(hidden)]
 pub use textures::{Groups, check_factors, factor_of, radiance_of_bricks, refuse_body, with_medium_albedo};
@@ -72,14 +75,59 @@ use crate::scene::geometry::Geometry;
 use crate::scene::nearest;
 use crate::transfer::store::Store;
 use crate::volume::Volume;
-use member::{coupling_of, partnered};
+use member::{Held, coupling_of, partnered};
+use std::sync::Arc;
 
 /// The volumes of a store, ready for surfaces to be lit: the one that stands alone, or all that were baked together.
 pub struct Session<'a> {
     // Invariant: not empty; more than one only of a store whose volumes are coupled, in the order of the store.
     members: Vec<Member<'a>>,
     up: Up,
-    geometry: Option<&'a Geometry>,
+    geometry: Option<Held<'a, Geometry>>,
+}
+
+impl Session<'static> {
+    /// As [`Session::open`], of a store that becomes the session's own: it may live as long as it is wanted.
+    ///
+    /// # Errors
+    /// As [`Session::open`].
+    pub fn owning(store: Store) -> Result<Self> {
+        match coupling_of(&store) {
+            None => Self::of_members(vec![Member::owning(store)?]),
+            Some(_) => Self::of_members(coupled(&store)?),
+        }
+    }
+
+    /// As [`Session::alone`], of a store that becomes the session's own, and a volume that others have too.
+    pub fn sharing(store: Store, volume: Arc<Volume>, pyramid: Arc<Pyramid>) -> Self {
+        let up = volume.up;
+        Self { members: vec![Member::sharing(store, volume, pyramid)], up, geometry: None }
+    }
+
+    /// As [`Session::with_geometry`], of walls and luminaires that become the session's own.
+    #[must_use]
+    pub fn with_own_geometry(self, geometry: Option<Geometry>) -> Self {
+        Self { geometry: geometry.map(|geometry| Held::Own(Box::new(geometry))), ..self }
+    }
+}
+
+/// The volumes of a store that were baked together.
+fn coupled<'a>(store: &Store) -> Result<Vec<Member<'a>>> {
+    let held = store.volumes()?;
+    let partners = coupling_of(store).map_or(&[][..], |first| &first.partners);
+    if let Some(missing) = partners.iter().find(|p| !held.contains(&p.name)) {
+        let found = format!("{} without its partner {}", held.join(", "), missing.name);
+        let remedy = "go on with the bake of the scene: the same command";
+        return Err(Error::argument("store", found, "all volumes of the scene", remedy));
+    }
+    let mut members = Vec::new();
+    for name in held {
+        let store = store.of_volume(&name)?;
+        if coupling_of(&store).is_some() {
+            members.push(Member::owning(store)?);
+        }
+    }
+    Ok(members)
 }
 
 impl<'a> Session<'a> {
@@ -89,21 +137,10 @@ impl<'a> Session<'a> {
     /// When a volume is damaged, cannot be read or has no cells, or the bake of a scene has not come to all of its
     /// volumes.
     pub fn open(store: &'a Store) -> Result<Self> {
-        let Some(first) = coupling_of(store) else { return Self::of_members(vec![Member::borrowing(store)?]) };
-        let held = store.volumes()?;
-        if let Some(missing) = first.partners.iter().find(|p| !held.contains(&p.name)) {
-            let found = format!("{} without its partner {}", held.join(", "), missing.name);
-            let remedy = "go on with the bake of the scene: the same command";
-            return Err(Error::argument("store", found, "all volumes of the scene", remedy));
+        match coupling_of(store) {
+            None => Self::of_members(vec![Member::borrowing(store)?]),
+            Some(_) => Self::of_members(coupled(store)?),
         }
-        let mut members = Vec::new();
-        for name in held {
-            let store = store.of_volume(&name)?;
-            if coupling_of(&store).is_some() {
-                members.push(Member::owning(store)?);
-            }
-        }
-        Self::of_members(members)
     }
 
     fn of_members(members: Vec<Member<'a>>) -> Result<Self> {
@@ -128,7 +165,7 @@ impl<'a> Session<'a> {
     /// The same with walls and luminaires in its pictures: a store holds what they do to light, and not their shapes.
     #[must_use]
     pub fn with_geometry(self, geometry: Option<&'a Geometry>) -> Self {
-        Self { geometry, ..self }
+        Self { geometry: geometry.map(Held::Lent), ..self }
     }
 
     /// The volumes; isovalues without a name are those of the first.
@@ -139,6 +176,11 @@ impl<'a> Session<'a> {
     /// The axis that points up.
     pub fn up(&self) -> Up {
         self.up
+    }
+
+    /// Walls and luminaires that its pictures show.
+    fn geometry(&self) -> Option<&Geometry> {
+        self.geometry.as_deref()
     }
 
     fn first(&self) -> &Member<'a> {
@@ -186,14 +228,15 @@ impl<'a> Session<'a> {
     pub fn surface(&self, isovalue: f64) -> Result<Surface<'_>> {
         let isovalues = self.isovalues(0, isovalue)?;
         let parts = self.members.iter().zip(isovalues).map(|(member, c)| Ok(member.select(member.extract(c)?)));
-        self.surface_of(parts.collect::<Result<_>>()?)
+        self.surface_of(parts.collect::<Result<Vec<_>>>()?)
     }
 
     /// A surface of isosurfaces that are there: one of each member, in their order.
     ///
     /// # Errors
     /// When there are more or fewer than members.
-    pub fn surface_of(&self, parts: Vec<Part>) -> Result<Surface<'_>> {
+    pub fn surface_of(&self, parts: impl Into<Arc<Vec<Part>>>) -> Result<Surface<'_>> {
+        let parts = parts.into();
         if parts.len() != self.members.len() {
             let expected = format!("one for each of the {} volumes", self.members.len());
             return Err(Error::argument("isosurfaces", parts.len(), expected, "extract that of each member"));

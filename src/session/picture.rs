@@ -186,7 +186,7 @@ impl<'a> Stage<'a> {
         let aspect = self.aspect();
         let (part, member) = self.first();
         let (volume, isosurface) = (member.volume(), &part.isosurface);
-        match in_view(self.texels.surface.session.geometry, volume, self.together()) {
+        match in_view(self.texels.surface.session.geometry(), volume, self.together()) {
             Some(_) if self.shows_lobes() => {
                 let others = self.others().flat_map(|((part, member), _)| part.isosurface.seen(member.volume()));
                 let points = isosurface.seen(volume).chain(others);
@@ -215,7 +215,7 @@ impl<'a> Stage<'a> {
         let triangles = part.triangles();
         let (light, triangles) = (&lighting.light, triangles.as_ref());
         let subject = Subject { volume, pyramid, isovalue, contracted, triangles, light, material: own };
-        let geometry = texels.surface.session.geometry;
+        let geometry = texels.surface.session.geometry();
         if geometry.is_none() && texels.surface.parts.len() == 1 {
             return Ok(render(&subject, &lighting.suns, None, camera, options));
         }
@@ -274,7 +274,8 @@ impl<'a> Stage<'a> {
     /// Whether all surfaces are of one grid, without walls, and to be framed closely.
     fn shows_lobes(&self) -> bool {
         let bounds = self.first().1.volume().world_bounds();
-        let has_walls = self.texels.surface.session.geometry.is_some_and(|geometry| geometry.bounds().min.is_finite());
+        let has_walls =
+            self.texels.surface.session.geometry().is_some_and(|geometry| geometry.bounds().min.is_finite());
         let is_one_grid = self.others().all(|((_, member), _)| member.volume().world_bounds() == bounds);
         is_one_grid && !has_walls && self.options.framing == Framing::Surface
     }

@@ -10,7 +10,7 @@ use crate::transfer::{BRICK_TEXELS, Lattice, texels_of_isosurface};
 use crate::volume::Volume;
 use glam::Vec3;
 use std::collections::HashMap;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 /// An isosurface of a member, and where its lookups read.
 pub struct Part {
@@ -77,11 +77,11 @@ fn below_a_texel(mesh: &Mesh, lattice: Lattice) -> f64 {
 pub struct Surface<'s> {
     pub(super) session: &'s Session<'s>,
     // Invariant: one for each member.
-    pub(super) parts: Vec<Part>,
+    pub(super) parts: Arc<Vec<Part>>,
 }
 
 impl<'s> Surface<'s> {
-    pub(super) fn new(session: &'s Session<'s>, parts: Vec<Part>) -> Self {
+    pub(super) fn new(session: &'s Session<'s>, parts: Arc<Vec<Part>>) -> Self {
         Self { session, parts }
     }
 
@@ -158,16 +158,21 @@ impl<'s> Surface<'s> {
     }
 }
 
-/// Positions, normals and triangles of several surfaces as one, around the centre of their boxes.
-pub(super) struct Merged {
-    pub(super) bounds: Bounds,
-    pub(super) positions: Vec<Vec3>,
-    pub(super) normals: Vec<Vec3>,
-    pub(super) triangles: Vec<[u32; 3]>,
+/// Positions, normals and triangles of several surfaces as one, in the order in which [`Lit`] has their vertices.
+pub struct Merged {
+    /// The box of all volumes in world.
+    pub bounds: Bounds,
+    /// In world, relative to the centre of the box.
+    pub positions: Vec<Vec3>,
+    /// In world.
+    pub normals: Vec<Vec3>,
+    /// Three vertices each, counter-clockwise from the lit side.
+    pub triangles: Vec<[u32; 3]>,
 }
 
 impl Merged {
-    pub(super) fn new(surface: &Surface<'_>) -> Self {
+    /// Puts the parts of a surface together.
+    pub fn new(surface: &Surface<'_>) -> Self {
         let bounds = surface.bounds();
         let mut merged = Self { bounds, positions: Vec::new(), normals: Vec::new(), triangles: Vec::new() };
         for (part, member) in surface.parts.iter().zip(surface.session.members()) {

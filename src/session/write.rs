@@ -41,7 +41,7 @@ impl Lit<'_> {
         if options.transfer {
             let (texels, session) = (&self.texels, self.texels.surface.session);
             let lighting = texels.lighting;
-            let parts = session.members().iter().zip(&texels.surface.parts);
+            let parts = session.members().iter().zip(texels.surface.parts.iter());
             file.scalars = relightable::attributes(parts.map(|(m, part)| (m.store(), &part.isosurface)))?;
             let lit = (session.members()[0].store(), &*texels.luminaires);
             let rotation = lighting.options.rotation_degrees;
@@ -78,12 +78,26 @@ impl Lit<'_> {
     /// # Errors
     /// As [`png::write`] and [`atomic::write`].
     pub fn write_png(&self, path: impl AsRef<Path>, still: &Still) -> Result<()> {
-        let options = png::PngOptions {
+        let options = self.png_options(still);
+        atomic::write(path, |w| png::write(w, &still.image, &options)).map(|_| ())
+    }
+
+    /// The bytes of the file that [`Lit::write_png`] writes.
+    ///
+    /// # Errors
+    /// As [`png::write`].
+    pub fn png(&self, still: &Still) -> Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        png::write(&mut bytes, &still.image, &self.png_options(still))?;
+        Ok(bytes)
+    }
+
+    fn png_options(&self, still: &Still) -> png::PngOptions {
+        png::PngOptions {
             alpha: still.is_transparent,
             software: Some(concat!("isolume ", env!("CARGO_PKG_VERSION")).into()),
             description: Some(self.record().to_string()),
-        };
-        atomic::write(path, |w| png::write(w, &still.image, &options)).map(|_| ())
+        }
     }
 
     /// The mesh as the writers take it: those of all volumes as one.

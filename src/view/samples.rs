@@ -1,7 +1,7 @@
 //! Samples of the volume as a texture of the page, the ranges that let rays skip, and the spread of values.
 
 use super::texels::taps;
-use crate::volume::{Samples, Volume};
+use crate::volume::{SamplesView, Volume};
 use half::f16;
 
 /// Cells along the side of a block whose smallest and largest sample are kept.
@@ -42,12 +42,12 @@ impl Numbers {
 pub(super) fn volume_texture(volume: &Volume, dims: [usize; 3]) -> SampleTexture {
     let samples = volume.samples();
     let (low, high) = volume.raw_range();
-    match samples {
-        Samples::U8(_) => {
+    match samples.view() {
+        SamplesView::U8(_) => {
             let numbers = resample(volume, dims, |raw| (raw + 0.5) as u8);
             SampleTexture { dims, scale: 255.0, offset: 0.0, numbers: Numbers::Byte(numbers) }
         }
-        Samples::I8(_) => {
+        SamplesView::I8(_) => {
             let numbers = resample(volume, dims, |raw| (raw + 128.5) as u8);
             SampleTexture { dims, scale: 255.0, offset: -128.0, numbers: Numbers::Byte(numbers) }
         }

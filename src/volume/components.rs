@@ -1,6 +1,6 @@
 //! The connected parts of the solid of an isovalue, to keep the largest alone.
 
-use super::{Sample, Samples, Solid, Volume};
+use super::{Sample, Samples, SamplesView, Solid, Volume};
 use crate::error::Result;
 use crate::grid3;
 
@@ -34,8 +34,8 @@ impl Volume {
         let dims = self.dims();
         macro_rules! masked {
             ($($variant:ident: $t:ty),*) => {
-                match &self.samples {
-                    $(Samples::$variant(s) => {
+                match self.samples.view() {
+                    $(SamplesView::$variant(s) => {
                         let height = |v: f32| sign * (f64::from(v) - c_raw);
                         let (samples, removed) = mask(s, dims, lit as $t, &height);
                         (samples.map(Samples::$variant), removed)

@@ -71,7 +71,8 @@ pub(crate) enum Endian {
 
 /// Decoded samples before they are narrowed to the types that a volume holds.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Data {
+#[allow(missing_docs, reason = "the names are those of the types")]
+pub enum Data {
     U8(Vec<u8>),
     I8(Vec<i8>),
     U16(Vec<u16>),

@@ -12,6 +12,8 @@
 //!   [`Volume::raw_from_value`]`(c)`, a point is solid where `solid_sign·(raw − c_raw) > 0`.
 //! * Samples are finite: readers replace NaN and infinities and say so in a [`Note`].
 
+#[doc(hidden)]
+pub mod array;
 mod assemble;
 #[doc(hidden)]
 pub mod choice;
@@ -42,6 +44,7 @@ use crate::error::{Error, Result};
 use crate::geom::{Affine, Bounds, Up};
 use glam::{DVec3, Vec4};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Which side of the level set is matter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -54,7 +57,7 @@ pub enum Solid {
 }
 
 /// The samples of a volume in their native type, x fastest. Floating samples are finite.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub enum Samples {
     /// 8-bit unsigned.
     U8(Vec<u8>),
@@ -66,17 +69,40 @@ pub enum Samples {
     I16(Vec<i16>),
     /// 32-bit floating point.
     F32(Vec<f32>),
+    /// Of any of these types, in memory that belongs to somebody else.
+    Shared(Arc<dyn SampleOwner>),
+}
+
+/// Memory with samples that a volume reads where they are, such as the array of another program.
+pub trait SampleOwner: Send + Sync + std::fmt::Debug {
+    /// The samples: the same, at the same place, as long as it lives.
+    fn view(&self) -> SamplesView<'_>;
+}
+
+/// Samples to be read, by their type.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SamplesView<'a> {
+    /// 8-bit unsigned.
+    U8(&'a [u8]),
+    /// 8-bit signed.
+    I8(&'a [i8]),
+    /// 16-bit unsigned.
+    U16(&'a [u16]),
+    /// 16-bit signed.
+    I16(&'a [i16]),
+    /// 32-bit floating point.
+    F32(&'a [f32]),
 }
 
 /// Runs `$body` with `$s` bound to the slice of samples, whatever its type.
 macro_rules! with_samples {
     ($samples:expr, $s:ident => $body:expr) => {
-        match $samples {
-            $crate::volume::Samples::U8($s) => $body,
-            $crate::volume::Samples::I8($s) => $body,
-            $crate::volume::Samples::U16($s) => $body,
-            $crate::volume::Samples::I16($s) => $body,
-            $crate::volume::Samples::F32($s) => $body,
+        match $samples.view() {
+            $crate::volume::SamplesView::U8($s) => $body,
+            $crate::volume::SamplesView::I8($s) => $body,
+            $crate::volume::SamplesView::U16($s) => $body,
+            $crate::volume::SamplesView::I16($s) => $body,
+            $crate::volume::SamplesView::F32($s) => $body,
         }
     };
 }
@@ -129,7 +155,26 @@ impl Sample for f32 {
     }
 }
 
+impl PartialEq for Samples {
+    /// Whether type and samples are the same, whoever owns them.
+    fn eq(&self, other: &Self) -> bool {
+        self.view() == other.view()
+    }
+}
+
 impl Samples {
+    /// The samples to be read.
+    pub fn view(&self) -> SamplesView<'_> {
+        match self {
+            Self::U8(s) => SamplesView::U8(s),
+            Self::I8(s) => SamplesView::I8(s),
+            Self::U16(s) => SamplesView::U16(s),
+            Self::I16(s) => SamplesView::I16(s),
+            Self::F32(s) => SamplesView::F32(s),
+            Self::Shared(owner) => owner.view(),
+        }
+    }
+
     /// Number of samples.
     pub fn len(&self) -> usize {
         with_samples!(self, s => s.len())
@@ -147,12 +192,12 @@ impl Samples {
 
     /// The name of the type as NumPy writes it: "uint8", "int8", "uint16", "int16", "float32".
     pub fn type_name(&self) -> &'static str {
-        match self {
-            Self::U8(_) => "uint8",
-            Self::I8(_) => "int8",
-            Self::U16(_) => "uint16",
-            Self::I16(_) => "int16",
-            Self::F32(_) => "float32",
+        match self.view() {
+            SamplesView::U8(_) => "uint8",
+            SamplesView::I8(_) => "int8",
+            SamplesView::U16(_) => "uint16",
+            SamplesView::I16(_) => "int16",
+            SamplesView::F32(_) => "float32",
         }
     }
 
@@ -274,7 +319,7 @@ impl Volume {
                 "check the dimensions",
             ));
         }
-        if let Samples::F32(s) = &samples
+        if let SamplesView::F32(s) = samples.view()
             && let Some(bad) = s.par_chunks(PART).enumerate().find_map_first(|(i, part)| {
                 // All of a part at once first: a search stops at every sample.
                 let all = part.iter().fold(true, |all, v| all & v.is_finite());

@@ -7,7 +7,7 @@ use super::rays::{Family, Ray, ray};
 use super::twins::{TWIN_BUDGET, TWINS, Twin, TwinField, TwinSaid};
 use glam::Vec3;
 use isolume::level::{Counts, LevelField, Pyramid};
-use isolume::volume::{Sample, Samples, Volume};
+use isolume::volume::{Sample, SamplesView, Volume};
 use rayon::prelude::*;
 
 /// Verdicts on many rays.
@@ -94,12 +94,12 @@ pub struct Entry {
 
 /// Traces `rays` rays of a family through a volume; every `stride`-th by the twins as well.
 pub fn run(name: &str, volume: &Volume, family: Family, seed: u64, rays: u64, stride: u64) -> Entry {
-    match volume.samples() {
-        Samples::U8(s) => run_on(name, volume, s, family, seed, rays, stride),
-        Samples::I8(s) => run_on(name, volume, s, family, seed, rays, stride),
-        Samples::U16(s) => run_on(name, volume, s, family, seed, rays, stride),
-        Samples::I16(s) => run_on(name, volume, s, family, seed, rays, stride),
-        Samples::F32(s) => run_on(name, volume, s, family, seed, rays, stride),
+    match volume.samples().view() {
+        SamplesView::U8(s) => run_on(name, volume, s, family, seed, rays, stride),
+        SamplesView::I8(s) => run_on(name, volume, s, family, seed, rays, stride),
+        SamplesView::U16(s) => run_on(name, volume, s, family, seed, rays, stride),
+        SamplesView::I16(s) => run_on(name, volume, s, family, seed, rays, stride),
+        SamplesView::F32(s) => run_on(name, volume, s, family, seed, rays, stride),
     }
 }
 

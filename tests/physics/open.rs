@@ -6,7 +6,7 @@ use isolume::geom::{Frame, Normal};
 use isolume::level::{CellPoint, Counts, Horizon, LevelField, Outcome, Pyramid, Site, Start};
 use isolume::sampling::{PathSampler, warp};
 use isolume::volume::field::by_name;
-use isolume::volume::{Sample, Samples, Shadowing, Solid, Volume};
+use isolume::volume::{Sample, SamplesView, Shadowing, Solid, Volume};
 
 fn all_texels(volume: &Volume) -> Vec<[usize; 3]> {
     let [nx, ny, nz] = volume.dims();
@@ -97,12 +97,12 @@ fn check<T: Sample>(name: &str, volume: &Volume, samples: &[T], rays: u32) -> (u
 }
 
 fn check_any(name: &str, volume: &Volume, rays: u32) -> (usize, usize) {
-    match volume.samples() {
-        Samples::U8(s) => check(name, volume, s, rays),
-        Samples::I8(s) => check(name, volume, s, rays),
-        Samples::U16(s) => check(name, volume, s, rays),
-        Samples::I16(s) => check(name, volume, s, rays),
-        Samples::F32(s) => check(name, volume, s, rays),
+    match volume.samples().view() {
+        SamplesView::U8(s) => check(name, volume, s, rays),
+        SamplesView::I8(s) => check(name, volume, s, rays),
+        SamplesView::U16(s) => check(name, volume, s, rays),
+        SamplesView::I16(s) => check(name, volume, s, rays),
+        SamplesView::F32(s) => check(name, volume, s, rays),
     }
 }
 

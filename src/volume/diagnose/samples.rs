@@ -2,7 +2,7 @@
 
 #![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
-use super::super::{Sample, Samples, Volume, with_samples};
+use super::super::{Sample, Samples, SamplesView, Volume, with_samples};
 use crate::finding::Finding;
 use std::collections::HashMap;
 
@@ -106,12 +106,12 @@ fn plateaus<T: Sample>(volume: &Volume, samples: &[T]) -> Option<Finding> {
 
 /// The ends of a type that stands for a measurement's limits; none for floating point.
 fn type_ends(samples: &Samples) -> Option<(f32, f32)> {
-    match samples {
-        Samples::U8(_) => Some((0.0, 255.0)),
-        Samples::I8(_) => Some((-128.0, 127.0)),
-        Samples::U16(_) => Some((0.0, 65535.0)),
-        Samples::I16(_) => Some((-32768.0, 32767.0)),
-        Samples::F32(_) => None,
+    match samples.view() {
+        SamplesView::U8(_) => Some((0.0, 255.0)),
+        SamplesView::I8(_) => Some((-128.0, 127.0)),
+        SamplesView::U16(_) => Some((0.0, 65535.0)),
+        SamplesView::I16(_) => Some((-32768.0, 32767.0)),
+        SamplesView::F32(_) => None,
     }
 }
 
@@ -250,7 +250,7 @@ fn few_levels<T: Sample>(samples: &[T]) -> Option<Finding> {
 }
 
 fn narrow_range(volume: &Volume) -> Option<Finding> {
-    let Samples::F32(_) = volume.samples() else { return None };
+    let SamplesView::F32(_) = volume.samples().view() else { return None };
     let (low, high) = volume.raw_range();
     // One f32 step at the largest magnitude: 2⁻²³ of the power of two below it.
     let largest = f64::from(low.abs().max(high.abs()));

@@ -15,7 +15,7 @@ use isolume::sh::{Coefficients, Window};
 use isolume::surface::{Mesh, extract, extract_with_normals};
 use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{BrickSource, Layers};
-use isolume::volume::{Sample, Samples, Volume};
+use isolume::volume::{Sample, SamplesView, Volume};
 
 /// A light by its coefficients in world axes.
 pub struct Lit {
@@ -135,12 +135,12 @@ fn with_normals(volume: &Volume, isovalue: f64) -> Mesh {
         })
         .unwrap()
     }
-    match volume.samples() {
-        Samples::U8(s) => run(volume, s, isovalue),
-        Samples::I8(s) => run(volume, s, isovalue),
-        Samples::U16(s) => run(volume, s, isovalue),
-        Samples::I16(s) => run(volume, s, isovalue),
-        Samples::F32(s) => run(volume, s, isovalue),
+    match volume.samples().view() {
+        SamplesView::U8(s) => run(volume, s, isovalue),
+        SamplesView::I8(s) => run(volume, s, isovalue),
+        SamplesView::U16(s) => run(volume, s, isovalue),
+        SamplesView::I16(s) => run(volume, s, isovalue),
+        SamplesView::F32(s) => run(volume, s, isovalue),
     }
 }
 
