@@ -240,7 +240,9 @@ impl<'a> Stage<'a> {
     /// Lays media over the picture.
     fn add_haze(&self, picture: &mut Picture, camera: &Camera) -> Result<()> {
         let texels = self.texels;
-        let Some(geometry) = texels.surface.session.geometry.filter(|g| !g.media().is_empty()) else { return Ok(()) };
+        let Some(geometry) = texels.surface.session.geometry().filter(|g| !g.media().is_empty()) else {
+            return Ok(());
+        };
         let (part, member) = self.first();
         let scales = geometry.luminaires().iter().map(|l| factor_of(&l.name, &texels.luminaires)).collect();
         let haze = Haze {

@@ -147,7 +147,7 @@ impl Lit<'_> {
         {
             record["translucent"] = json!({ "index": body.index, "albedo_nodes": body.nodes });
         }
-        if surface.session.geometry.is_some_and(|geometry| !geometry.media().is_empty()) {
+        if surface.session.geometry().is_some_and(|geometry| !geometry.media().is_empty()) {
             record["media"] = json!("radiance at the surface: the media between it and an eye are in pictures alone");
         }
         if let Some(total) = self.total {
