@@ -100,7 +100,7 @@ pub(super) struct Study {
 /// Studies of other questions.
 #[derive(clap::Subcommand)]
 enum OtherStudy {
-    Placements(placements::PlacementsArgs),
+    Placements(Box<placements::PlacementsArgs>),
     Thesis(thesis::ThesisArgs),
 }
 

@@ -93,7 +93,7 @@ fn poles(samples: usize, radius: f64) -> Vec<([usize; 3], DVec3)> {
     let steps = (radius * middle as f64).round() as usize;
     assert!((steps as f64 / middle as f64 - radius).abs() < 1e-12, "no grid point at {radius}");
     let pole = |i: usize| {
-        let (axis, up) = (i / 2, i % 2 == 0);
+        let (axis, up) = (i / 2, i.is_multiple_of(2));
         let (mut texel, mut normal) = ([middle; 3], [0.0; 3]);
         texel[axis] = if up { middle + steps } else { middle - steps };
         normal[axis] = if up { 1.0 } else { -1.0 };
@@ -432,7 +432,7 @@ fn exact_flights_agree_with_delta_tracking() {
     };
     let texel = [8, 8, 13];
     let geometry = around(vec![medium]);
-    let mut exact = vec![Running::default(); LAYERS];
+    let mut exact = [Running::default(); LAYERS];
     for seed in 0..8 {
         let found = &texels(&volume, &geometry, &[(texel, DVec3::Z)], 1 << 13, seed)[0];
         exact.iter_mut().zip(&found.escapes).for_each(|(running, value)| running.push(*value));

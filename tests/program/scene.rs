@@ -366,34 +366,34 @@ fn media_by_options_and_scenes() {
     let bench = Bench::new();
     bench.write(
         "fog.toml",
-        "volume = \"torus:16\"\nisovalues = [0.3]\n[medium]\nname = \"fog\"\nextinction = 0.5\nalbedo = 0.9\nphase = { hg = 0.5 }\n",
+        "volume = \"torus:16\"\nisovalues = [-0.1]\n[medium]\nname = \"fog\"\nextinction = 0.5\nalbedo = 0.9\nphase = { hg = 0.5 }\n",
     );
     let small = "--rays 16 --layers 2 --bands 3";
     let by_scene = bench.json(&format!("bake fog.toml {small} -o scene.isolume"));
-    let by_option = bench.json(&format!("bake torus:16 --isovalues 0.3 --fog 0.5,0.9,0.5 {small} -o option.isolume"));
+    let by_option = bench.json(&format!("bake torus:16 --isovalues=-0.1 --fog 0.5,0.9,0.5 {small} -o option.isolume"));
     assert_eq!(by_scene["identity"], by_option["identity"]);
-    let alone = bench.json(&format!("bake torus:16 --isovalues 0.3 {small} -o alone.isolume"));
+    let alone = bench.json(&format!("bake torus:16 --isovalues=-0.1 {small} -o alone.isolume"));
     let without = bench.json(&format!("bake fog.toml {small} --effects=-media -o without.isolume"));
     assert_eq!(alone["identity"], without["identity"]);
     assert_ne!(alone["identity"], by_scene["identity"]);
-    let vacuum = bench.json(&format!("bake torus:16 --isovalues 0.3 --fog 0 {small} -o vacuum.isolume"));
+    let vacuum = bench.json(&format!("bake torus:16 --isovalues=-0.1 --fog 0 {small} -o vacuum.isolume"));
     assert_eq!(alone["identity"], vacuum["identity"]);
     // A bake in shares is the bake in one go.
     for share in ["1/2", "2/2"] {
         bench.run(&format!(
-            "bake torus:16 --isovalues 0.3 --fog 0.5,0.9,0.5 {small} --chunks {share} --threads 1 -o shares.isolume"
+            "bake torus:16 --isovalues=-0.1 --fog 0.5,0.9,0.5 {small} --chunks {share} --threads 1 -o shares.isolume"
         ));
     }
     let radiance_of = |store: &str| {
-        bench.run(&format!("relight {store} --isovalue 0.3 --env sky --radiance -o {store}.ply"));
+        bench.run(&format!("relight {store} --isovalue=-0.1 --env sky --radiance -o {store}.ply"));
         radiance(&bench.bytes(&format!("{store}.ply")))
     };
     assert_eq!(radiance_of("shares.isolume"), radiance_of("option.isolume"));
     // Nodes: the albedo of the medium is chosen at relight, and only there.
-    bench.run(&format!("bake torus:16 --isovalues 0.3 --translucent 2,free,0.2,1.3 {small} -o wax.isolume"));
+    bench.run(&format!("bake torus:16 --isovalues=-0.1 --translucent 2,free,0.2,1.3 {small} -o wax.isolume"));
     let mean = |albedo: &str| {
         bench.run(&format!(
-            "relight wax.isolume --isovalue 0.3 --medium-albedo {albedo} --env constant:1 --radiance -o wax.ply"
+            "relight wax.isolume --isovalue=-0.1 --medium-albedo {albedo} --env constant:1 --radiance -o wax.ply"
         ));
         let all = radiance(&bench.bytes("wax.ply"));
         all.iter().map(|v| f64::from(v[0])).sum::<f64>() / all.len() as f64
@@ -408,9 +408,9 @@ fn media_by_options_and_scenes() {
     for (arguments, words) in [
         ("bake torus:16 --fog 0.5,1.5 -o x.isolume", &["--fog", "albedo"][..]),
         ("bake torus:16 --translucent 1,0.9,2 -o x.isolume", &["--translucent", "mean cosine"]),
-        ("relight option.isolume --isovalue 0.3 --medium-albedo 0.5 --env sky -o x.glb", &["medium albedo", "opaque"]),
-        ("relight wax.isolume --isovalue 0.3 --transfer --env sky -o x.glb", &["translucent"]),
-        ("compare wax.isolume --isovalue 0.3 --env sky", &["--scene"]),
+        ("relight option.isolume --isovalue=-0.1 --medium-albedo 0.5 --env sky -o x.glb", &["medium albedo", "opaque"]),
+        ("relight wax.isolume --isovalue=-0.1 --transfer --env sky -o x.glb", &["translucent"]),
+        ("compare wax.isolume --isovalue=-0.1 --env sky", &["--scene"]),
     ] {
         let text = refused(arguments);
         assert!(words.iter().all(|word| text.contains(word)), "{arguments}: {text}");

@@ -134,7 +134,7 @@ pub fn node_factors(nodes: &[f64], albedo: f64) -> Vec<f64> {
     }
     let weight = |q: usize| {
         let end = if q == 0 || q + 1 == nodes.len() { 0.5 } else { 1.0 };
-        let sign = if q % 2 == 0 { 1.0 } else { -1.0 };
+        let sign = if q.is_multiple_of(2) { 1.0 } else { -1.0 };
         sign * end / (s - at(nodes[q]))
     };
     let sum: f64 = (0..nodes.len()).map(weight).sum();

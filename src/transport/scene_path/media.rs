@@ -37,7 +37,7 @@ struct InWorld<'a> {
 }
 
 enum Region {
-    Grid(Placement),
+    Grid(Box<Placement>),
     Within(Bounds),
     Ball(DVec3, f64),
 }
@@ -73,6 +73,9 @@ pub(super) struct Collision {
     pub(super) extinction: [f64; 3],
     pub(super) albedo: [f64; 3],
 }
+
+/// Where a flight within one medium met it: how far, and the extinction and the raw sample there.
+type End = (f64, [f64; 3], f64);
 
 /// A flight: to its collision or its end.
 pub(super) struct Flown {
@@ -169,7 +172,7 @@ impl<'a> InWorld<'a> {
             MediumField::Other { volume, pyramid } => (&**volume, &**pyramid),
         };
         let region = match medium.region {
-            MediumRegion::Box => Region::Grid(Placement::new(volume)),
+            MediumRegion::Box => Region::Grid(Box::new(Placement::new(volume))),
             MediumRegion::Within(bounds) => Region::Within(bounds),
             MediumRegion::Ball { centre, radius } => Region::Ball(centre, radius),
         };
@@ -242,7 +245,7 @@ impl<'a> InWorld<'a> {
         channel: usize,
         target: f64,
         counts: &mut SceneCounts,
-    ) -> ([f64; 3], Option<(f64, [f64; 3], f64)>) {
+    ) -> ([f64; 3], Option<End>) {
         let (mut sum, mut rest, mut found) = ([0.0; 3], target, None);
         let Some(part) = self.part(origin, direction, distance, counts) else { return (sum, found) };
         let Some(field) = &self.field else {

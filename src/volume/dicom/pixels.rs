@@ -307,7 +307,7 @@ mod tests {
     fn overlays_are_taken_out_and_signs_extended() {
         let samples = vec![0xf005, 0x0fff, 0x1800, 0x0000];
         assert_eq!(format(16, 12, 11, false).clean(Data::U16(samples.clone())), Data::U16(vec![5, 0xfff, 0x800, 0]));
-        let signed = samples.iter().map(|v| *v as u16 as i16).collect();
+        let signed = samples.iter().map(|v: &u16| *v as i16).collect();
         assert_eq!(format(16, 12, 11, true).clean(Data::I16(signed)), Data::I16(vec![5, -1, -2048, 0]));
         // In the upper bits.
         assert_eq!(format(16, 12, 15, false).clean(Data::U16(vec![0x123f])), Data::U16(vec![0x123]));

@@ -96,7 +96,10 @@ fn xz_length(stream: &[u8]) -> Option<u64> {
     let header = usize::from(*stream.get(12)?);
     let mut chunks = stream.get(12 + 4 * (header + 1)..)?;
     let mut length = 0;
-    while header > 0 {
+    if header == 0 {
+        return None;
+    }
+    loop {
         let (&control, rest) = chunks.split_first()?;
         let number = |at: usize| Some(u64::from(u16::from_be_bytes([*rest.get(at)?, *rest.get(at + 1)?])) + 1);
         let taken = match control {
@@ -114,7 +117,6 @@ fn xz_length(stream: &[u8]) -> Option<u64> {
         };
         chunks = rest.get(usize::try_from(taken).ok()?..)?;
     }
-    Some(length)
 }
 
 /// Numbers written as text.
