@@ -1,10 +1,10 @@
 //! Surfaces ready to be lit: isosurfaces of all volumes of a session, and the bricks that their lookups read.
 
-use super::textures::{radiance_of_bricks, settled};
+use super::textures::{check_factors_of_nodes, radiance_of_bricks, settled};
 use super::{Isosurface, Lighting, Lit, LitOptions, LitTexels, LuminaireFactor, Session};
 use crate::error::Result;
 use crate::geom::Bounds;
-use crate::relight::{Material, TriangleIndex, TriangleOrder};
+use crate::relight::{Exposure, LayerFactors, Material, TriangleIndex, TriangleOrder};
 use crate::surface::Mesh;
 use crate::transfer::{BRICK_TEXELS, Lattice, texels_of_isosurface};
 use crate::volume::Volume;
@@ -147,6 +147,26 @@ impl<'s> Surface<'s> {
     /// As those two.
     pub fn lit<'t>(&'t self, lighting: &'t Lighting<'t>, material: &Material, options: &LitOptions) -> Result<Lit<'t>> {
         self.contract(lighting, material, &options.luminaires)?.look_up(options.exposure)?.with_total_error()
+    }
+
+    /// How far radiance is off where the albedo of a translucent solid's medium lies between the nodes of its transfer: at the node
+    /// that stands apart to tell, the root mean square over the vertices of the difference between interpolation and what is stored
+    /// there, over the mean radiance. `None` where nothing is interpolated.
+    ///
+    /// # Errors
+    /// As [`Self::lit`].
+    pub fn node_error(&self, lighting: &Lighting<'_>, luminaires: &[LuminaireFactor]) -> Result<Option<f64>> {
+        let Some(session) = self.session.members().first() else { return Ok(None) };
+        let Some((of_difference, of_check)) = check_factors_of_nodes(session.store()) else { return Ok(None) };
+        let radiance = |layers: LayerFactors| -> Result<Vec<[f32; 3]>> {
+            let material = Material { layers, ..Material::new([0.0; 3], [0.0; 3])? };
+            let lit = self.contract(lighting, &material, luminaires)?.look_up(Exposure::Stops(0.0))?;
+            Ok(lit.radiance().to_vec())
+        };
+        let (off, there) = (radiance(of_difference)?, radiance(of_check)?);
+        let mean = there.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3 * there.len().max(1)) as f64;
+        let square = off.iter().flatten().map(|&v| f64::from(v).powi(2)).sum::<f64>() / (3 * off.len().max(1)) as f64;
+        Ok((mean > 0.0).then(|| square.sqrt() / mean))
     }
 
     /// The box of all volumes in world.

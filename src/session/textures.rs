@@ -138,6 +138,16 @@ fn factors_of(body: &BodyIdentity, albedo: [f32; 3]) -> LayerFactors {
     LayerFactors::Given(factors)
 }
 
+/// Factors of the difference between interpolation and the node that checks it, and of that node.
+pub(super) fn check_factors_of_nodes(store: &Store) -> Option<(LayerFactors, LayerFactors)> {
+    let body = store.identity().scene.as_ref()?.body.as_ref()?;
+    let (last, check) = (body.nodes.len().checked_sub(1)?, *body.nodes.last()?);
+    let (mut difference, mut there) = ([[0.0f32; 3]; MAX_LAYERS], [[0.0f32; 3]; MAX_LAYERS]);
+    difference.iter_mut().zip(node_factors(&body.nodes, check)).for_each(|(all, factor)| *all = [factor as f32; 3]);
+    (difference[last], there[last]) = ([-1.0; 3], [1.0; 3]);
+    Some((LayerFactors::Given(difference), LayerFactors::Given(there)))
+}
+
 /// The same surface of a translucent solid with another albedo of its medium, in [0, 1].
 ///
 /// # Errors

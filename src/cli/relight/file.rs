@@ -40,6 +40,8 @@ pub(super) struct Written {
     pub(super) error: SurfaceError,
     /// Its root mean square over the mean radiance.
     pub(super) rms_over_mean: f64,
+    /// Of a free albedo of the medium of a translucent solid.
+    pub(super) node_error: Option<f64>,
     /// How far the colours are from exact light transport, where check points say it.
     pub(super) total: Option<TotalError>,
     /// Whether the vertices have transfer of their own; else it comes from the texture.
@@ -84,6 +86,7 @@ impl Context<'_> {
         let lit = texels.look_up(c.material.exposure).map_err(|e| self.explained(e))?;
         times.look_up = start.elapsed();
         let lit = lit.with_total_error()?;
+        let node_error = surface.node_error(&lighting, &c.light.luminaires)?;
         let mut written = Written {
             target,
             isovalue,
@@ -92,6 +95,7 @@ impl Context<'_> {
             report: *lit.report(),
             error: lit.relative_error(),
             rms_over_mean: lit.rms_over_mean(),
+            node_error,
             total: lit.total_error(),
             at_vertices: surface.parts()[0].isosurface().transfer().is_some(),
             exposure_ev: lit.exposure_in_stops(),

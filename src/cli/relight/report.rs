@@ -80,9 +80,13 @@ fn error_of(w: &Written) -> f64 {
 
 /// How far a file is from exact light transport, in short.
 fn error_text(w: &Written) -> String {
-    match w.total {
+    let whole = match w.total {
         Some(total) => format!("within {} (95 %: {})", text::percent(total.rms), text::percent(total.percentile_95)),
         None => format!("noise {} of the mean", text::percent(w.rms_over_mean)),
+    };
+    match w.node_error {
+        Some(error) => format!("{whole}, the albedo of the medium {}", text::percent(error)),
+        None => whole,
     }
 }
 
@@ -203,6 +207,7 @@ fn file_json(w: &Written) -> Value {
         "exposure_ev": w.exposure_ev,
         "error": {
             "rms_over_mean": w.rms_over_mean,
+            "medium_albedo_error": w.node_error,
             "median_relative": finite(w.error.median),
             "percentile_95_relative": finite(w.error.percentile_95),
         },
