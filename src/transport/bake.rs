@@ -263,7 +263,7 @@ fn fill<E: Estimator>(
         if !bake.selection.touches_brick(index) {
             return old.map(|bricks| BrickOutput { bricks, summary: Summary::default() });
         }
-        let output = brick_of(estimator, bake, index, old, scratch);
+        let output = brick_of(estimator, bake, index, old, scratch, Some(&progress.cancel));
         progress.texels.fetch_add(output.summary.texels, Ordering::Relaxed);
         progress.rays.fetch_add(output.summary.counts.rays, Ordering::Relaxed);
         Some(output)
@@ -294,7 +294,7 @@ fn fill<E: Estimator>(
 pub fn bake_brick(bake: &Bake<'_>, index: [usize; 3]) -> Result<BrickOutput> {
     bake.check()?;
     with_path_tracer!(bake, Openness::of, estimator => {
-        Ok(brick_of(&estimator, bake, index, None, &mut Default::default()))
+        Ok(brick_of(&estimator, bake, index, None, &mut Default::default(), None))
     })
 }
 
@@ -370,7 +370,7 @@ pub fn trial(bake: &Bake<'_>, bricks: &[[usize; 3]]) -> Result<Summary> {
         let parts: Vec<Summary> = bricks
             .par_iter()
             .with_max_len(1)
-            .map_init(Default::default, |scratch, &index| brick_of(&estimator, bake, index, None, scratch).summary)
+            .map_init(Default::default, |scratch, &index| brick_of(&estimator, bake, index, None, scratch, None).summary)
             .collect();
         let mut total = Summary::new(estimator.layers());
         parts.iter().for_each(|part| total.add(part));

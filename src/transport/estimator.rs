@@ -10,6 +10,7 @@ use crate::level::{Counts, LevelField, Site};
 use crate::transfer::{BRICK_TEXELS, Brick, Layers, validity};
 use crate::volume::Sample;
 use half::f16;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What became of a texel.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -113,19 +114,24 @@ pub(super) fn estimates_of<E: Estimator>(estimator: &E) -> Vec<TexelEstimate<E::
     estimator.layers().iter().map(|_| TexelEstimate::default()).collect()
 }
 
-/// Computes the selected texels of a brick. Those of `old` are kept where they have as many paths.
+/// Computes the selected texels of a brick. Those of `old` are kept where they have as many paths. Once `cancel` is set, the rest is left out.
 pub(super) fn brick_of<E: Estimator>(
     estimator: &E,
     bake: &Bake<'_>,
     index: [usize; 3],
     old: Option<Vec<Brick>>,
     scratch: &mut E::Scratch,
+    cancel: Option<&AtomicBool>,
 ) -> BrickOutput {
     let all_layers = estimator.layers();
     let mut bricks = old.unwrap_or_else(|| all_layers.iter().map(Brick::unbaked).collect());
     let mut summary = Summary::new(all_layers);
     let mut out = estimates_of(estimator);
     for t in 0..BRICK_TEXELS {
+        // Who cancels takes no output: with many paths a brick may take seconds.
+        if cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed)) {
+            break;
+        }
         let texel = bake.layout.lattice.texel_in_brick(index, t);
         if !bake.selection.contains(texel) {
             continue;
