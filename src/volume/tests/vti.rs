@@ -330,7 +330,7 @@ fn damage_is_named() {
         ("format=\"ascii\">\n 0", "format=\"hex\">\n 0", "hex"),
         ("UInt64", "UInt128", "UInt128"),
         ("LittleEndian", "MiddleEndian", "MiddleEndian"),
-        ("header_type=\"UInt64\"", "compressor=\"vtkLZMADataCompressor\"", "vtkLZMADataCompressor"),
+        ("header_type=\"UInt64\"", "compressor=\"vtkZstdDataCompressor\"", "vtkZstdDataCompressor"),
         ("type=\"ImageData\"", "type=\"RectilinearGrid\"", "resample"),
         ("type=\"ImageData\"", "type=\"StructuredGrid\"", "resample"),
         ("type=\"ImageData\"", "type=\"UnstructuredGrid\"", "resample"),

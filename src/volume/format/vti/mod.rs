@@ -63,7 +63,8 @@ impl Extent {
         };
         let extent = Self { first: [x0, y0, z0], last: [x1, y1, z1] };
         // Beyond 2^53 places are no longer exact.
-        let is_sound = |(first, last): (&i64, &i64)| first <= last && first.abs().max(last.abs()) < 1 << 53;
+        let is_sound =
+            |(first, last): (&i64, &i64)| first <= last && first.unsigned_abs().max(last.unsigned_abs()) < 1 << 53;
         if extent.first.iter().zip(&extent.last).all(is_sound) { Ok(extent) } else { Err(refuse()) }
     }
 
