@@ -108,6 +108,7 @@
 //! | [`session`] | a store, its surfaces, and light on them: meshes and pictures, step by step | the bake, the clock |
 //! | [`view`] | the live page and its data, as bytes; the server of the page, with the feature `cli` | solvers, and outside the server sockets |
 //! | `cli` | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
+//! | `python` | the same calls on arrays of NumPy (feature `python`) | how anything is computed |
 //!
 //! # Habits that bind
 //! * The same bytes for any number of threads: each parallel item writes its own slot, sums run in a fixed order,
@@ -169,6 +170,8 @@ pub mod view;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
+#[cfg(feature = "python")]
+mod python;
 
 pub use bake::{Bake, Observer, Silent};
 pub use error::{Error, Result};

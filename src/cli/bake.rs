@@ -5,13 +5,13 @@ use super::baking::{self, fill};
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::tell;
-use super::light::open_probe;
+use super::light::{for_light, open_probe};
 use super::options::{BakeArgs, EstimatorArg, Texture, TransferArgs, parse_share, parse_time};
 use super::{Failure, Outcome, forecast, output, replay, text};
 use crate::bake::{ForLight, Share, Writing, layout_of_scene};
 use crate::error::Error;
 use crate::file::size_on_disk;
-use crate::probe::{EnvFrame, Orientation};
+use crate::probe::Orientation;
 use crate::relight::Material;
 use crate::scene::geometry::{Geometry, Luminaire, LuminaireShape};
 use crate::scene::{Scene, SceneFile, distant_light};
@@ -347,14 +347,8 @@ impl Bake {
         }
         Material::new([self.albedo; 3], [0.0; 3])?;
         let probe = open_probe(name, false, None)?;
-        let orientation = Orientation::new(volume.up, self.env_rotate)?.in_frame(self.env_frame.into());
-        let light = probe.coefficients_in_world(layout.layers.max_bands(), orientation);
-        // In the OpenEXR frame it has the bare name, as in stores from before there was another.
-        let name_in_store = match EnvFrame::from(self.env_frame) {
-            EnvFrame::OpenExr => probe.name.clone(),
-            EnvFrame::Gltf => format!("{} in the frame of glTF", probe.name),
-        };
-        Ok(Some(ForLight { name: probe.name, name_in_store, light, direct: None, albedo: self.albedo }))
+        let bands = layout.layers.max_bands();
+        Ok(Some(for_light(&probe, (volume.up, self.env_rotate, self.env_frame.into()), bands, self.albedo)?))
     }
 }
 

@@ -14,7 +14,7 @@ const MOST_CUT: f64 = 1e-3;
 const MISSED: f64 = 1.1;
 
 /// What a finished bake tells of itself.
-pub(super) trait Told {
+pub(crate) trait Told {
     /// In a line.
     fn summary_line(&self, store_bytes: u64) -> String;
     /// As lines for people.

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 /// Standard output and standard error as the common options ask for them. A pipe that nobody reads any more (`… | head`) is
 /// no error; any other failure of standard output is one, which [`Console::finish`] tells at the end.
-pub(super) struct Console {
+pub(crate) struct Console {
     json: bool,
     quiet: bool,
     /// The first failure of standard output.
@@ -22,7 +22,7 @@ pub(super) struct Console {
 }
 
 impl Console {
-    pub(super) fn new(json: bool, quiet: bool) -> Self {
+    pub(crate) fn new(json: bool, quiet: bool) -> Self {
         Self { json, quiet, verbose: false, failed: Mutex::new(None), told: AtomicBool::new(false) }
     }
 

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 impl Failure {
     /// The kind, the message as people see it, and what it is made of.
-    pub(super) fn to_json(&self) -> Value {
+    pub(crate) fn to_json(&self) -> Value {
         let (kind, parts) = match self {
             Self::Message(_) => ("other", json!({})),
             Self::Library(error) => parts(error),

@@ -94,7 +94,7 @@ impl VolumeArgs {
     }
 }
 
-fn parse_up(axis: &str) -> std::result::Result<Up, String> {
+pub(crate) fn parse_up(axis: &str) -> std::result::Result<Up, String> {
     Ok(match axis {
         "x" => Up::X,
         "y" => Up::Y,

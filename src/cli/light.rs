@@ -1,8 +1,10 @@
 //! Environments, materials and exposure as options.
 
 use super::{Outcome, text};
+use crate::bake::ForLight;
 use crate::error::{Error, Result};
-use crate::probe::{self, EMBEDDED, EnvFrame, Layout, Probe, ReadOptions, SunSplit};
+use crate::geom::Up;
+use crate::probe::{self, EMBEDDED, EnvFrame, Layout, Orientation, Probe, ReadOptions, SunSplit};
 use crate::relight::{Exposure, Material};
 use crate::scene::{Colormap, MaterialRule};
 use crate::session::{LightNote, LightOptions, LuminaireFactor};
@@ -93,7 +95,7 @@ pub(super) fn parse_layout(name: &str) -> std::result::Result<Layout, String> {
 }
 
 /// Opens a probe by name or path; a misspelt one gets a suggestion.
-pub(super) fn open_probe(argument: &str, keep_negative: bool, layout: Option<Layout>) -> Result<Probe> {
+pub(crate) fn open_probe(argument: &str, keep_negative: bool, layout: Option<Layout>) -> Result<Probe> {
     let options = ReadOptions { layout, keep_negative, ..ReadOptions::default() };
     let unknown = probe::by_name(argument)?.is_none() && !Path::new(argument).exists();
     let word = argument.split(':').next().unwrap_or(argument);
@@ -106,6 +108,23 @@ pub(super) fn open_probe(argument: &str, keep_negative: bool, layout: Option<Lay
         }
         None => probe::open(argument, &options),
     }
+}
+
+/// An environment that errors are measured by, on a surface of one albedo, as it stands around what has an axis up, turned by
+/// so many degrees.
+pub(crate) fn for_light(
+    probe: &Probe,
+    (up, rotation, frame): (Up, f64, EnvFrame),
+    bands: usize,
+    albedo: f32,
+) -> Result<ForLight> {
+    let light = probe.coefficients_in_world(bands, Orientation::new(up, rotation)?.in_frame(frame));
+    // In the OpenEXR frame it has the bare name, as in stores from before there was another.
+    let name_in_store = match frame {
+        EnvFrame::OpenExr => probe.name.clone(),
+        EnvFrame::Gltf => format!("{} in the frame of glTF", probe.name),
+    };
+    Ok(ForLight { name: probe.name.clone(), name_in_store, light, direct: None, albedo })
 }
 
 impl LightArgs {
@@ -122,7 +141,7 @@ impl LightArgs {
 }
 
 /// What was done to the light of a probe, in a sentence.
-pub(super) fn sentence(probe: &str, note: &LightNote) -> String {
+pub(crate) fn sentence(probe: &str, note: &LightNote) -> String {
     match note {
         LightNote::NoSun(why) => format!("{probe}: no sun was split off: {why}"),
         LightNote::Suns { count, share, angular_radius, truncation: [before, after] } => {
@@ -186,24 +205,24 @@ pub(super) fn parse_factor(argument: &str) -> std::result::Result<LuminaireFacto
 
 /// What the surface is made of.
 #[derive(clap::Args, Clone, Debug)]
-pub(super) struct MaterialArgs {
+pub(crate) struct MaterialArgs {
     /// Diffuse reflectance, one number or r,g,b, linear; with --colormap a factor on its colours [default: 0.7]
     #[arg(long, value_name = "RHO|R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
-    pub(super) albedo: Option<Triple>,
+    pub(crate) albedo: Option<Triple>,
     /// Colour by isovalue: a colour scale, over the range of the volume or of LOW..HIGH
     #[arg(long, value_name = "NAME[:LOW..HIGH]")]
-    pub(super) colormap: Option<String>,
+    pub(crate) colormap: Option<String>,
     /// Emitted radiance, one number or r,g,b, linear [default: 0]
     #[arg(long, value_name = "E|R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
-    pub(super) emission: Option<Triple>,
+    pub(crate) emission: Option<Triple>,
     /// Exposure in stops, or auto: the 99th percentile of the brightest channel becomes white
     #[arg(long, value_name = "EV|auto", default_value = "auto", value_parser = parse_exposure, allow_hyphen_values = true)]
-    pub(super) exposure: Exposure,
+    pub(crate) exposure: Exposure,
 }
 
 /// One number for three channels, or three.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Triple(pub(super) [f32; 3]);
+pub(crate) struct Triple(pub(crate) [f32; 3]);
 
 pub(super) fn parse_triple(text: &str) -> std::result::Result<Triple, String> {
     let numbers: Option<Vec<f32>> =
@@ -232,7 +251,7 @@ impl MaterialArgs {
     }
 
     /// The material of each isovalue; `range` is that of the volume.
-    pub(super) fn rule(&self, range: (f64, f64)) -> Outcome<MaterialRule> {
+    pub(crate) fn rule(&self, range: (f64, f64)) -> Outcome<MaterialRule> {
         let albedo = self.albedo.map_or([0.7; 3], |albedo| albedo.0);
         Material::new(albedo, self.emission.map_or([0.0; 3], |emission| emission.0))?;
         let Some(spec) = &self.colormap else {

@@ -44,6 +44,18 @@ mod view;
 #[cfg(test)]
 mod tests;
 
+/// What the Python package shares with the program.
+#[cfg(feature = "python")]
+pub(crate) mod shared {
+    pub(crate) use super::bake_report::Told;
+    pub(crate) use super::cache::{Cache, InUse};
+    pub(crate) use super::console::Console;
+    pub(crate) use super::input::parse_up;
+    pub(crate) use super::light::{MaterialArgs, Triple, for_light, open_probe, sentence};
+    pub(crate) use super::options::default_memory_limit;
+    pub(crate) use super::view::package;
+}
+
 use crate::error::Error;
 use clap::{Parser, Subcommand};
 use console::Console;
@@ -102,7 +114,7 @@ enum Command {
 }
 
 /// Why a command did not do what was asked.
-enum Failure {
+pub(crate) enum Failure {
     /// The library's reason.
     Library(Error),
     /// One of the command line's own.
@@ -124,18 +136,22 @@ impl std::fmt::Display for Failure {
     }
 }
 
-type Outcome<T = ()> = Result<T, Failure>;
+pub(crate) type Outcome<T = ()> = Result<T, Failure>;
 
 /// Runs the program with the arguments of the process.
 pub fn main() -> ExitCode {
     fault::explain_bus_errors();
-    let line: Vec<OsString> = std::env::args_os().collect();
+    ExitCode::from(exit_code(std::env::args_os().collect()))
+}
+
+/// Runs the program with a command line, of which the first word is its name; returns the exit code.
+pub(crate) fn exit_code(line: Vec<OsString>) -> u8 {
     // Known before the line is parsed, so that a wrong one is told to machines as well.
     let json = line.iter().any(|word| word == "--json");
     let failed = |failure: Failure, code: u8| {
         let console = Console::new(json, false);
         console.error(&failure);
-        ExitCode::from(code)
+        code
     };
     if let Some(word) = line.get(1..).unwrap_or_default().iter().find(|word| word.to_str().is_none()) {
         // Names go into reports, stores and pages, which are text.
@@ -152,28 +168,28 @@ pub fn main() -> ExitCode {
     };
     let console = Console::new(cli.common.json, cli.common.quiet).with_details(cli.common.verbose);
     match run(&cli, &console).and_then(|()| console.finish()) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => 0,
         Err(failure) => {
             console.error(&failure);
-            ExitCode::from(signals::exit_code().unwrap_or(1))
+            signals::exit_code().unwrap_or(1)
         }
     }
 }
 
 /// Prints what clap has to say: why a line is wrong, or help and version, which are "errors" with exit code 0.
-fn answer_of_parser(error: &clap::Error, json: bool) -> ExitCode {
+fn answer_of_parser(error: &clap::Error, json: bool) -> u8 {
     let console = Console::new(json, false);
     let printed = error.print();
     if error.use_stderr() {
         console.print_json(&json!({ "error": failure::usage_json(error) }));
-        return ExitCode::from(error.exit_code().clamp(0, 255) as u8);
+        return error.exit_code().clamp(0, 255) as u8;
     }
     console.keep(printed);
     match console.finish() {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => 0,
         Err(failure) => {
             console.error(&failure);
-            ExitCode::FAILURE
+            1
         }
     }
 }

@@ -219,7 +219,7 @@ pub(super) fn in_scene(error: Error, scene: Option<&SceneFile>, isovalue: &Isova
 }
 
 /// Refuses by name what would take more memory than allowed: by the user, else by the system.
-pub(super) fn check_memory(what: &str, needed: u64, limit: Option<u64>) -> Result<()> {
+pub(crate) fn check_memory(what: &str, needed: u64, limit: Option<u64>) -> Result<()> {
     let bound = limit.map_or_else(memory::bound, |bytes| Bound { bytes, set_by: "--memory-limit".into() });
     if needed <= bound.bytes {
         return Ok(());
@@ -235,7 +235,7 @@ pub(super) fn check_memory(what: &str, needed: u64, limit: Option<u64>) -> Resul
 }
 
 /// The memory that a command may use where the user does not say: 80 % of the least that machine and system allow.
-pub(super) fn default_memory_limit() -> u64 {
+pub(crate) fn default_memory_limit() -> u64 {
     memory::bound().bytes
 }
 

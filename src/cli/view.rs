@@ -222,16 +222,7 @@ impl View {
     }
 
     fn package(&self, store: &Store, console: &Console) -> Outcome<Package> {
-        let volume = store.volume()?;
-        Completeness::of(store, &volume)?.check(store, self.partial)?;
-        let held = store.holdings()?;
-        check_texture(store, &held, "the page")?;
-        let isovalue = match held.in_texture.first() {
-            Some(&first) if !held.all && self.isovalue == Isovalue::Auto => first,
-            _ => self.isovalue.resolve(&volume, Some(volume.solid), None)?.value,
-        };
-        let identity = store.identity();
-        let surroundings = identity.scene.as_ref();
+        let surroundings = store.identity().scene.as_ref();
         let probes = self.probes(surroundings)?;
         let one_file = self.html.is_some();
         let options = Options {
@@ -239,36 +230,10 @@ impl View {
             volume_side: self.volume_side.map_or(if one_file { 160 } else { 512 }, |n| n as usize),
             coding: if one_file { Coding::Byte } else { Coding::Half },
         };
+        let rotation = self.scene.as_ref().and_then(|file| file.description.probe.as_ref()?.rotation);
+        let package = package(store, &probes, (self.isovalue, rotation.unwrap_or(0.0), self.partial), &options)?;
         let layout = store.layout();
         let triple = |[x, y, z]: [usize; 3]| format!("{x} × {y} × {z}");
-        let rays = if held.rays[0] == held.rays[1] {
-            held.rays[0].to_string()
-        } else {
-            format!("{} to {}", held.rays[0], held.rays[1])
-        };
-        let mut about = vec![
-            ("volume", format!("{}, {} samples", volume.name, triple(volume.dims()))),
-            ("solid", format!("{} the isovalue", identity.solid)),
-            ("texture", format!("{} texels", triple(layout.lattice.texels()))),
-            ("layers", format!("{} with {:?} bands", layout.layers.len(), layout.layers.bands())),
-            ("estimator", format!("{}, {rays} rays a texel, seed {}", identity.estimator, identity.seed)),
-            ("isovalues", info::isovalues_text(&held)),
-            ("store", identity.hash()[..16].to_string()),
-            ("program", concat!("isolume ", env!("CARGO_PKG_VERSION")).into()),
-        ];
-        about.splice(1..1, surroundings.iter().flat_map(|scene| about_surroundings(scene)));
-        let groups = Groups::open(store, &[])?;
-        let rotation = self.scene.as_ref().and_then(|file| file.description.probe.as_ref()?.rotation);
-        let subject = Subject {
-            volume: &volume,
-            textures: &groups.textures()?,
-            surrounded: surroundings.map(|identity| Surrounded { identity, rotation: rotation.unwrap_or(0.0) }),
-            isovalues: (!held.all).then(|| held.in_texture.clone()),
-            about: about.into_iter().map(|(name, text)| (name.to_string(), text)).collect(),
-            probes: &probes,
-            isovalue,
-        };
-        let package = pack(&subject, &options)?;
         let reduced = |from: [usize; 3], to: [usize; 3]| {
             if from == to { triple(to) } else { format!("{} (of {})", triple(to), triple(from)) }
         };
@@ -283,7 +248,7 @@ impl View {
         console.note(format!(
             "{}: samples {}, texels {}; {} texels with a level set × {} coefficients in {coding}{beside}, {}",
             self.input,
-            reduced(volume.dims(), package.samples),
+            reduced(layout.lattice.grid(), package.samples),
             reduced(layout.lattice.texels(), package.texels),
             text::count(package.valid_texels),
             layout.layers.coefficients(),
@@ -304,6 +269,55 @@ impl View {
         server.run();
         Ok(())
     }
+}
+
+/// What the page shows of a store: `isovalue` to begin with, `rotation` of the environment in a scene, and whether a bake that is not
+/// finished will do.
+pub(crate) fn package(
+    store: &Store,
+    probes: &[Probe],
+    (isovalue, rotation, partial): (Isovalue, f64, bool),
+    options: &Options,
+) -> Outcome<Package> {
+    let volume = store.volume()?;
+    Completeness::of(store, &volume)?.check(store, partial)?;
+    let held = store.holdings()?;
+    check_texture(store, &held, "the page")?;
+    let isovalue = match held.in_texture.first() {
+        Some(&first) if !held.all && isovalue == Isovalue::Auto => first,
+        _ => isovalue.resolve(&volume, Some(volume.solid), None)?.value,
+    };
+    let identity = store.identity();
+    let surroundings = identity.scene.as_ref();
+    let layout = store.layout();
+    let triple = |[x, y, z]: [usize; 3]| format!("{x} × {y} × {z}");
+    let rays = if held.rays[0] == held.rays[1] {
+        held.rays[0].to_string()
+    } else {
+        format!("{} to {}", held.rays[0], held.rays[1])
+    };
+    let mut about = vec![
+        ("volume", format!("{}, {} samples", volume.name, triple(volume.dims()))),
+        ("solid", format!("{} the isovalue", identity.solid)),
+        ("texture", format!("{} texels", triple(layout.lattice.texels()))),
+        ("layers", format!("{} with {:?} bands", layout.layers.len(), layout.layers.bands())),
+        ("estimator", format!("{}, {rays} rays a texel, seed {}", identity.estimator, identity.seed)),
+        ("isovalues", info::isovalues_text(&held)),
+        ("store", identity.hash()[..16].to_string()),
+        ("program", concat!("isolume ", env!("CARGO_PKG_VERSION")).into()),
+    ];
+    about.splice(1..1, surroundings.iter().flat_map(|scene| about_surroundings(scene)));
+    let groups = Groups::open(store, &[])?;
+    let subject = Subject {
+        volume: &volume,
+        textures: &groups.textures()?,
+        surrounded: surroundings.map(|identity| Surrounded { identity, rotation }),
+        isovalues: (!held.all).then(|| held.in_texture.clone()),
+        about: about.into_iter().map(|(name, text)| (name.to_string(), text)).collect(),
+        probes,
+        isovalue,
+    };
+    Ok(pack(&subject, options)?)
 }
 
 /// What stands around the volume, for the page.

@@ -140,7 +140,7 @@ impl Member {
     /// When there is no such file, or it cannot be read as asked; a name that is nearly one that exists gets a suggestion.
     pub fn open(name: &str, options: &VolumeOptions) -> Result<Self> {
         let of_model = ModelName::of(name).filter(|model| Path::new(model.path).is_file());
-        let (mut volume, label, default_isovalue) = match (field::by_name(name)?, of_model) {
+        let (volume, label, default_isovalue) = match (field::by_name(name)?, of_model) {
             (Some(named), _) => {
                 options.refuse_for("a field")?;
                 (named.sample()?, name.to_string(), Some(named.field.default_isovalue()))
@@ -152,18 +152,22 @@ impl Member {
             }
             (None, None) => (open_file(name, options)?, file_name(name), None),
         };
+        Ok(Self { label, default_isovalue, ..Self::of_with(volume, options)? })
+    }
+
+    /// A volume that is there already, to be understood as options say: which side of it is matter, how it stands, which parts
+    /// of its solid stay, and which shadows count.
+    ///
+    /// # Errors
+    /// As [`VolumeOptions::up_of`].
+    pub fn of_with(mut volume: Volume, options: &VolumeOptions) -> Result<Self> {
         if let Some(side) = options.solid {
             volume.solid = side;
         }
         volume.up = options.up_of(volume.up)?;
         volume.shadowing = options.shadowing;
-        Ok(Self {
-            label,
-            default_isovalue,
-            keep_largest: options.keep_largest,
-            side_is_given: options.solid.is_some(),
-            ..Self::of(volume)
-        })
+        let (keep_largest, side_is_given) = (options.keep_largest, options.solid.is_some());
+        Ok(Self { keep_largest, side_is_given, ..Self::of(volume) })
     }
 
     /// The volume, to change it.

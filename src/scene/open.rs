@@ -43,6 +43,11 @@ impl Scene {
         Self { members: vec![Member::of(volume)], description: None }
     }
 
+    /// The same of a volume with what is known of it.
+    pub fn of_member(member: Member) -> Self {
+        Self { members: vec![member], description: None }
+    }
+
     /// A volume among walls and luminaires.
     pub fn among(volume: Volume, geometry: Geometry) -> Self {
         let mut member = Member::of(volume);

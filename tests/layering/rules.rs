@@ -64,6 +64,8 @@ pub const LAYERS: &[Layer] = &[
     layer("session", &["bake", "compare", "study"]),
     layer("view", &["transport"]),
     layer("cli", &[]),
+    // A second caller of the same calls; what the program has beside them (the cache, memory, options as text) it shares.
+    layer("python", &[]),
 ];
 
 /// Token sequences that must not appear outside the files that start with one of `allowed`.
@@ -90,19 +92,20 @@ pub const FORBIDDEN: &[Rule] = &[
     Rule { patterns: &["process::exit", "process::abort"], allowed: PROGRAM, why: "the library never exits" },
     Rule {
         patterns: &["Instant::now", "SystemTime"],
-        // How long the server of the page waits for the other side.
-        allowed: &["src/cli/", "src/main.rs", "src/view/server/"],
+        // How long the server of the page waits for the other side, and how long a call of Python takes.
+        allowed: &["src/cli/", "src/main.rs", "src/view/server/", "src/python/watch.rs"],
         why: "the library never reads the clock",
     },
     Rule {
         patterns: &["unsafe"],
-        // The one map of a file into memory, and the answer to a mapped file that shrinks.
-        allowed: &["src/transfer/store/backing.rs", "src/cli/fault.rs"],
-        why: "unsafe code is denied but for the memory map and the signal that comes of it",
+        // The one map of a file into memory, the answer to a mapped file that shrinks, and arrays of NumPy that are not copied.
+        allowed: &["src/transfer/store/backing.rs", "src/cli/fault.rs", "src/python/array.rs"],
+        why: "unsafe code is denied but for the memory map, the signal that comes of it, and arrays of NumPy",
     },
     Rule {
         patterns: &["thread::spawn", "thread::scope", "AtomicF32", "AtomicF64"],
-        allowed: PROGRAM,
+        // Beside a bake that Python waits for, its thread listens to Ctrl-C.
+        allowed: &["src/cli/", "src/main.rs", "src/python/watch.rs"],
         why: "parallel loops go through rayon, write their own slots and sum in a fixed order",
     },
     Rule {
@@ -163,6 +166,7 @@ pub const RAYON_FILES: &[(&str, &str)] = &[
     ("src/export/mod.rs", "records of a stream"),
     ("src/session/", "vertices to place, and figures of them"),
     ("src/cli/", "the pool of threads"),
+    ("src/python/", "the pool of threads"),
 ];
 
 /// Where the file system may be named, and why. Readers take `impl Read`.
@@ -198,4 +202,7 @@ pub const CRATES: &[(&str, &[&str])] = &[
     ("memmap2", &["transfer", "volume"]),
     ("sobol_burley", &["sampling"]),
     ("base64", &["view"]),
+    ("pyo3", &["python"]),
+    ("numpy", &["python"]),
+    ("self_cell", &["python"]),
 ];

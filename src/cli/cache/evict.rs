@@ -99,7 +99,7 @@ impl Cache {
     }
 
     /// As [`Cache::evict`], after work that is done: what goes wrong is a note.
-    pub(in crate::cli) fn tidy(&self, console: &Console) {
+    pub(crate) fn tidy(&self, console: &Console) {
         if let Err(error) = self.evict(console) {
             console.note(format!("the cache keeps what it has: {error}"));
         }

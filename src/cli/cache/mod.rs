@@ -30,7 +30,7 @@ const LONGEST_WAIT: Duration = Duration::from_secs(30 * 60);
 const LOOK: Duration = Duration::from_millis(200);
 
 /// The cache in a folder.
-pub(super) struct Cache {
+pub(crate) struct Cache {
     folder: PathBuf,
 }
 
@@ -42,11 +42,11 @@ pub(super) struct Filled {
 }
 
 /// While it lives, the store stays in the cache.
-pub(super) struct InUse(#[allow(dead_code, reason = "held for its lock")] Option<File>);
+pub(crate) struct InUse(#[allow(dead_code, reason = "held for its lock")] Option<File>);
 
 impl Cache {
     /// The cache in the folder that the user gave, or in that of the system.
-    pub(super) fn locate(given: Option<&Path>) -> Outcome<Self> {
+    pub(crate) fn locate(given: Option<&Path>) -> Outcome<Self> {
         if let Some(folder) = given {
             return Ok(Self { folder: folder.to_path_buf() });
         }
@@ -57,7 +57,7 @@ impl Cache {
     }
 
     /// Makes the folder of the stores, and tries to write there.
-    pub(super) fn prepare(&self) -> Outcome {
+    pub(crate) fn prepare(&self) -> Outcome {
         let folder = self.stores();
         let made = std::fs::create_dir_all(&folder);
         let tried = made.and_then(|()| tempfile::Builder::new().prefix(".isolume-").tempfile_in(&folder));
@@ -75,7 +75,7 @@ impl Cache {
     }
 
     /// The place of the store of a bake.
-    pub(super) fn place(&self, job: &Request<'_>) -> PathBuf {
+    pub(crate) fn place(&self, job: &Request<'_>) -> PathBuf {
         self.stores().join(format!("{}-{}.isolume", clean(&job.volume.name), &job.identity().hash()[..16]))
     }
 
@@ -94,7 +94,7 @@ impl Cache {
     }
 
     /// Notes that a store is used, now and until the result is dropped.
-    fn use_of(&self, path: &Path) -> Result<InUse> {
+    pub(crate) fn use_of(&self, path: &Path) -> Result<InUse> {
         let mark = path.with_extension("use");
         let failed = |e| Error::io(&mark, "note the use of the store", e);
         loop {
