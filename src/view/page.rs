@@ -13,10 +13,11 @@ const HTML: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");
 
 /// The scripts, in an order in which names are defined before they run.
-const SCRIPTS: [&str; 8] = [
+const SCRIPTS: [&str; 9] = [
     include_str!("page/sh.mjs"),
     include_str!("page/radiance.mjs"),
     include_str!("page/openexr.mjs"),
+    include_str!("page/host.mjs"),
     include_str!("page/data.mjs"),
     include_str!("page/shaders.mjs"),
     include_str!("page/camera.mjs"),

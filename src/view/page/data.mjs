@@ -1,4 +1,6 @@
-// The data of the page, from beside it or from inside it, and the counters that show what the page does with them.
+// The data of the page, from beside it, from inside it or from the notebook around it, and the counters that show what the page does with them.
+
+import { host } from "./host.mjs";
 
 /**
  * What the page did since it was loaded. After `loadedAt` the first two must not grow by relighting: no request is
@@ -21,6 +23,7 @@ export function isSelfContained() {
 
 /** Header and payload. */
 export async function loadPackage() {
+  if (host) return host.ask("package");
   if (!isSelfContained()) {
     const header = await (await request("header.json")).json();
     return { header, payload: await (await request("payload.bin")).arrayBuffer() };

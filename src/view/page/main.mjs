@@ -3,6 +3,7 @@
 import { OPEN_BY_DEGREE, applyBlocks, openRadiance, projectLatLong, rotateAboutZ } from "./sh.mjs";
 import { decodeRadiance } from "./radiance.mjs";
 import { decodeOpenExr } from "./openexr.mjs";
+import { host } from "./host.mjs";
 import { counters, isSelfContained, loadPackage, request, section } from "./data.mjs";
 import { MODES } from "./shaders.mjs";
 import { Renderer } from "./renderer.mjs";
@@ -39,6 +40,7 @@ function update(change) {
   if (touches("isovalue")) sayIfEmpty();
   if (touches("environment")) showSky();
   showState();
+  host?.tell("state", { state: sharedState() });
   if (state.fixedSize) return; // who fixes the size draws by hand
   coarse = true;
   schedule();
@@ -166,6 +168,7 @@ function drawFrame() {
     exposureIsStale = false;
     isExposed = true;
     showState();
+    host?.tell("state", { state: sharedState() });
   }
   const box = $("stage").getBoundingClientRect();
   const ratio = window.devicePixelRatio || 1;
@@ -246,6 +249,7 @@ async function openFile(file) {
       image = isExr ? await decodeOpenExr(bytes) : decodeRadiance(bytes);
     } catch (error) {
       if (isSelfContained()) throw error;
+      if (host) return addProbe(name, await host.ask("read", { name: file.name, bytes: bytes.buffer }, [bytes.buffer]));
       const answer = await request(`probe?name=${encodeURIComponent(file.name)}`, { method: "POST", body: bytes });
       const [width, height] = answer.headers.get("x-image-size").split("x").map(Number);
       image = { width, height, rgb: new Float32Array(await answer.arrayBuffer()) };
@@ -618,6 +622,34 @@ function zoomBy(factor) {
   update({ zoom: Math.min(40, Math.max(0.2, state.zoom * factor)) });
 }
 
+// --- a notebook around the page ---
+
+/** What the page and a notebook both may change. */
+function sharedState() {
+  const { isovalue, rotation, albedo, emission, exposure, autoExposure } = state;
+  const { azimuth, elevation, zoom, panX, panY, perspective } = state;
+  return {
+    isovalue, rotation, albedo, emission, exposure, autoExposure, colormap: state.colour, env: probes[state.environment].name,
+    camera: { azimuth, elevation, zoom, panX, panY, perspective },
+  };
+}
+
+/** Takes what the notebook says; an environment by its name. */
+function takeState({ env, colormap, camera, ...rest }) {
+  const change = { ...rest, ...camera };
+  if (colormap !== undefined) change.colour = colormap;
+  const environment = probes.findIndex((probe) => probe.name === env);
+  if (environment >= 0) change.environment = environment;
+  $("colour").value = change.colour ?? state.colour;
+  update(change);
+}
+
+function connectHost() {
+  host.on("update", ({ state }) => takeState(state));
+  host.on("probe", ({ name, ...image }) => addProbe(name, image));
+  host.tell("ready", {});
+}
+
 async function start() {
   data = await loadPackage();
   header = data.header;
@@ -638,6 +670,7 @@ async function start() {
   setTheme(document.documentElement.classList.contains("light"));
   showSky();
   update({ isovalue: state.isovalue });
+  if (host) connectHost();
   // For tests and for the curious.
   window.isolume = {
     state, update, counters, header, renderer, view, measure, openFile, coefficientsInWorld, setTheme,
@@ -649,5 +682,6 @@ async function start() {
 start().catch((error) => {
   say(error.message);
   $("shown").textContent = "";
+  host?.tell("failed", { reason: error.message });
   throw error;
 });
