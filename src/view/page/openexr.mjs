@@ -54,6 +54,7 @@ export async function decodeOpenExr(bytes) {
   const channels = readChannels(bytes, view, attributes.channels);
   const rowBytes = width * channels.reduce((sum, c) => sum + c.bytes, 0);
   const rows = ROWS_OF_A_BLOCK[compression];
+  if (at + 8 * Math.ceil(height / rows) > bytes.length) throw new Error("the file ends in the table of its blocks");
   const rgb = new Float32Array(3 * width * height);
   for (let block = 0; block < Math.ceil(height / rows); block++) {
     const start = Number(view.getBigUint64(at + 8 * block, true));
@@ -85,7 +86,8 @@ function readChannels(bytes, view, at) {
   const channels = [];
   while (bytes[at] !== 0) {
     let name = "";
-    while (bytes[at] !== 0) name += String.fromCharCode(bytes[at++]);
+    while (bytes[at] !== 0 && at < bytes.length) name += String.fromCharCode(bytes[at++]);
+    if (at >= bytes.length) throw new Error("the list of channels has no end");
     at++;
     const type = view.getUint32(at, true); // 0 integer, 1 half, 2 float
     if (view.getUint32(at + 8, true) !== 1 || view.getUint32(at + 12, true) !== 1) {
