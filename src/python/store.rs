@@ -261,8 +261,13 @@ impl Given {
             LightOptions { rotation_degrees: rotate, window, split_sun: sun_split.parse()?, ..LightOptions::default() };
         let luminaires =
             luminaires.into_iter().map(|(luminaire, factor)| LuminaireFactor { luminaire, factor }).collect();
-        let material =
-            MaterialArgs { albedo: Some(Triple(albedo)), colormap, emission: Some(Triple(emission)), exposure };
+        let material = MaterialArgs {
+            albedo: Some(Triple(albedo)),
+            medium_albedo: None,
+            colormap,
+            emission: Some(Triple(emission)),
+            exposure,
+        };
         Ok(Self { options, material, luminaires })
     }
 

@@ -90,7 +90,7 @@ impl Volume {
                 array,
                 spacing: spacing.map(|along| Spacing::new(along, metres)).transpose()?,
                 allow_outside,
-                any_channel: false,
+                ..Choice::default()
             };
             Scene::open_with(name, &options(solid, up, choice, keep_largest)?, &Effects::default())
         };
