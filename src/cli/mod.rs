@@ -37,6 +37,8 @@ mod plan_table;
 mod relight;
 mod replay;
 mod scene;
+#[cfg(feature = "python")]
+pub(crate) mod shared;
 mod signals;
 mod study;
 mod text;
@@ -45,18 +47,6 @@ mod view;
 
 #[cfg(test)]
 mod tests;
-
-/// What the Python package shares with the program.
-#[cfg(feature = "python")]
-pub(crate) mod shared {
-    pub(crate) use super::bake_report::Told;
-    pub(crate) use super::cache::{Cache, InUse};
-    pub(crate) use super::console::Console;
-    pub(crate) use super::input::parse_up;
-    pub(crate) use super::light::{MaterialArgs, Triple, for_light, open_probe, sentence};
-    pub(crate) use super::options::default_memory_limit;
-    pub(crate) use super::view::package;
-}
 
 use crate::error::Error;
 use clap::{Parser, Subcommand};
