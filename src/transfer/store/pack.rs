@@ -199,7 +199,7 @@ impl Store {
         }
         let write = |&chunk: &[usize; 3]| -> Result<[[u64; 2]; 2]> {
             let Some((bricks, extent)) = self.read_chunk(chunk)? else { return Ok([[0; 2]; 2]) };
-            let files = packed::encode(&packing, &self.layout, &bricks)?;
+            let files = packed::encode_chunk(&packing, &self.layout, &bricks)?;
             let record = self.record_of(chunk, &extent, bricks.iter().flatten().count(), &files);
             let linear = self.slot(chunk);
             let mut bytes = [0; 2];

@@ -266,7 +266,7 @@ pub(super) type Files = [Option<Vec<u8>>; PACKED.len()];
 ///
 /// # Errors
 /// As [`Loss::of`].
-pub(super) fn encode(packing: &Packing, layout: &Layout, bricks: &[Option<Brick>]) -> Result<Files> {
+pub(super) fn encode_chunk(packing: &Packing, layout: &Layout, bricks: &[Option<Brick>]) -> Result<Files> {
     let (n, e) = (layout.layers.coefficients(), layout.layers.errors());
     let places = blocks(&layout.lattice) * PLACES;
     let weights = weights_of_coefficients(&layout.layers);
@@ -487,7 +487,7 @@ mod tests {
             for step in [0.01, 0.0005] {
                 let packing =
                     Loss::of(&bricks, &layout.layers, Some(step)).unwrap().packing(&layout.layers, 0.01, step);
-                let packed = encode(&packing, &layout, &bricks).unwrap();
+                let packed = encode_chunk(&packing, &layout, &bricks).unwrap();
                 assert_eq!(packed[HIGH].is_some(), step < 0.001);
                 let back = decode(&packing, &layout, &files(&packed)).unwrap();
                 let weights = weights_of_coefficients(&layout.layers);
@@ -510,7 +510,7 @@ mod tests {
                     }
                 }
                 // Equal bytes for equal numbers.
-                assert_eq!(encode(&packing, &layout, &bricks).unwrap(), packed);
+                assert_eq!(encode_chunk(&packing, &layout, &bricks).unwrap(), packed);
             }
         }
     }
@@ -521,7 +521,7 @@ mod tests {
         let (layers, step) = (&layout.layers, 0.02);
         let packing = Loss::of(&bricks, layers, Some(step)).unwrap().packing(layers, 0.01, step);
         assert!(packing.largest <= packing.bound && packing.largest > 0.3 * packing.bound);
-        let back = decode(&packing, &layout, &files(&encode(&packing, &layout, &bricks).unwrap())).unwrap();
+        let back = decode(&packing, &layout, &files(&encode_chunk(&packing, &layout, &bricks).unwrap())).unwrap();
         let (was, is) = (bricks[0].as_ref().unwrap(), back[0].as_ref().unwrap());
         let (n, t) = (layers.coefficients(), 3);
         for light in 0..10_000 {
@@ -544,7 +544,7 @@ mod tests {
     fn every_changed_byte_is_noticed_and_nothing_panics() {
         let (layout, bricks) = (layout(true), bricks(8));
         let packing = Loss::of(&bricks, &layout.layers, Some(0.01)).unwrap().packing(&layout.layers, 0.01, 0.01);
-        let packed = encode(&packing, &layout, &bricks).unwrap();
+        let packed = encode_chunk(&packing, &layout, &bricks).unwrap();
         for array in 0..HIGH {
             let file = packed[array].clone().unwrap();
             for at in (0..file.len()).step_by(7) {
