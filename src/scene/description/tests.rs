@@ -68,7 +68,7 @@ const MISTAKES: [(&str, usize, &[&str]); 26] = [
     ("isovalus = 3", 2, &["`isovalus`", "did you mean isovalues?"]),
     ("\n[bake]\nray = 16", 4, &["`bake.ray`", "did you mean rays?"]),
     ("[walls]\nalbedo = 1", 2, &["tables", "[[walls]]"]),
-    ("[medium]\nscattering = 1", 2, &["participating media are not supported yet"]),
+    ("[medium]\nscattering = 1", 3, &["medium.scattering", "extinction"]),
     ("[[luminaires]]", 2, &["the key `shape`"]),
     ("[caustics]", 2, &["caustics by photons are not supported yet"]),
     ("isovalues = [1, \"4O%\"]", 2, &["isovalues[1] = \"4O%\"", "auto"]),
