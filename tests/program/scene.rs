@@ -399,7 +399,7 @@ fn media_by_options_and_scenes() {
         all.iter().map(|v| f64::from(v[0])).sum::<f64>() / all.len() as f64
     };
     let lit = bench.json("relight wax.isolume --isovalue=-0.1 --env sky -o wax.glb");
-    let of_nodes = lit["files"][0]["medium_albedo_error"].as_f64().expect("an error");
+    let of_nodes = lit["files"][0]["error"]["medium_albedo_error"].as_f64().expect("an error");
     assert!((1e-9..0.02).contains(&of_nodes), "{of_nodes}");
     let [dark, bright] = ["0.2", "1"].map(mean);
     assert!(dark < 0.6 && (bright - 1.0).abs() < 0.02, "{dark} {bright}");

@@ -3,7 +3,7 @@
 use super::chunk::ARRAYS;
 use super::chunk::examine::ChunkState;
 use super::surface::SURFACES;
-use super::{ChunkExtent, Store};
+use super::{ChunkExtent, Store, lock};
 use crate::error::{Error, Result};
 use crate::grid3;
 use crate::transfer::{Group, Selection};
@@ -172,6 +172,8 @@ impl Store {
     /// # Errors
     /// When the store is an archive or the system refuses.
     pub fn ask(&self, claims: &ChunkExtent) -> Result<()> {
+        // Of several processes one after the other: each rewrites what all have asked.
+        let _adding = self.directory().ok().map(|directory| lock::adding(directory.path())).transpose()?;
         let mut all = self.asked()?;
         all.join(claims);
         match self.read_asked()? {
