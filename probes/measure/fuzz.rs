@@ -6,6 +6,8 @@
 //! SECONDS are spread over the targets, START is the number of the first input in the endless list [1000000], RUNS
 //! the most inputs for each target. `corpus` writes the seeds that are made by program to tests/fuzz/corpus.
 
+#[path = "../../tests/fuzz/documents.rs"]
+mod documents;
 #[path = "../../tests/fuzz/engine.rs"]
 mod engine;
 #[path = "../../tests/fuzz/memory.rs"]

@@ -5,6 +5,7 @@
 //! others, as long as it is told to. An input that fails is kept in target/evidence/, its target and number are
 //! printed; copied into tests/fuzz/corpus/<target>/ it is a seed from then on.
 
+mod documents;
 mod engine;
 mod memory;
 mod mutate;

@@ -53,7 +53,7 @@ pub fn airlight(
             let from = Origin { place: Place::Free, in_world: origin };
             let met = world.meet(&isovalues, &from, direction, &mut Counts::default(), &mut counts);
             let distance = world.distance_to(&met, &from, direction);
-            let transmittance = world.transmittance(origin, direction, distance, &mut counts).map(|t| t as f32);
+            let transmittance = world.media.transmittance(origin, direction, distance, &mut counts).map(|t| t as f32);
             let scattered = tracer.as_ref().map(|tracer| tracer.scattered(from, direction, i as u64, &mut counts));
             let scattered = scattered.map_or([0.0; 3], |light| light.mean.map(|v| v as f32));
             Airlight { transmittance, distance, scattered }

@@ -9,8 +9,9 @@
 //! Where the border of the box cuts the solid it is open: rays cross it without a turn.
 
 use super::estimate::{Found, Path};
+use super::glass::fresnel;
 use super::media::{Collision, Media};
-use super::scatter::{Ended, Scatter};
+use super::scatter::Scatter;
 use super::world::{Origin, Place, SceneCounts};
 use crate::geom::Normal;
 use crate::level::{Counts, LevelField, Outcome, Start};
@@ -58,19 +59,6 @@ impl<'a, T: Sample> Inside<'a, T> {
     pub(super) fn nodes(&self) -> &'a [f64] {
         &self.body.nodes
     }
-}
-
-/// Reflectance of unpolarised light from the cosine on its side and the ratio of the index there to that beyond, and the cosine
-/// beyond; `None` beyond the critical angle.
-pub(super) fn fresnel(cosine: f64, ratio: f64) -> Option<(f64, f64)> {
-    let square = 1.0 - ratio * ratio * (1.0 - cosine * cosine);
-    if square <= 0.0 {
-        return None;
-    }
-    let beyond = square.sqrt();
-    let across = (ratio * cosine - beyond) / (ratio * cosine + beyond);
-    let along = (ratio * beyond - cosine) / (ratio * beyond + cosine);
-    Some((0.5 * (across * across + along * along), beyond))
 }
 
 impl<T: Sample> Path<'_, '_, T> {
@@ -148,18 +136,8 @@ impl<T: Sample> Path<'_, '_, T> {
                 }
                 let largest = self.carried().into_iter().fold(0.0, f64::max);
                 found.turned(On::Medium(0), point);
-                match self.in_body.collided(largest, v) {
-                    Ok(survival) => self.weight = self.weight.map(|w| w / survival),
-                    Err(Ended::Absorbed) => {
-                        found.ended(PathEnd::Absorbed);
-                        return None;
-                    }
-                    Err(Ended::Trapped) => {
-                        found.trapped += 1;
-                        found.ended(PathEnd::Trapped);
-                        return None;
-                    }
-                }
+                let outcome = self.in_body.collided(largest, v);
+                self.go_on(outcome, found)?;
                 let scatter = Scatter::Medium { onward: direction, medium };
                 direction = scatter.sample(media, self.pair_within(step, 1)).0;
                 start = Start::beside(field.locate(world.placement.in_grid(point, direction).0.to_array()));
@@ -200,26 +178,5 @@ impl<T: Sample> Path<'_, '_, T> {
         found.trapped += 1;
         found.ended(PathEnd::Trapped);
         None
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Means over the cosine, from outside and from inside: inside = 1 − (1 − outside)/n².
-    #[test]
-    fn fresnel_means() {
-        for (n, outside) in [(1.0, 0.0), (1.33, 0.065931), (1.4, 0.076812), (1.5, 0.091778), (2.4, 0.210181)] {
-            // ∫ R d(c²), by the midpoint rule.
-            let mean = |ratio: f64| {
-                let count = 2_000_000;
-                let at = |i: usize| ((i as f64 + 0.5) / count as f64).sqrt();
-                (0..count).map(|i| fresnel(at(i), ratio).map_or(1.0, |(r, _)| r)).sum::<f64>() / count as f64
-            };
-            let (found, within) = (mean(1.0 / n), mean(n));
-            assert!((found - outside).abs() < 1e-6, "{n}: {found}");
-            assert!((within - (1.0 - (1.0 - found) / (n * n))).abs() < 1e-5, "{n}: {within}");
-        }
     }
 }

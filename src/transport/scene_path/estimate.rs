@@ -266,7 +266,7 @@ impl<T: Sample> Path<'_, '_, T> {
                 continue;
             }
             let share = light.density.map_or(1.0, |density| density / (density + by_turn));
-            let through = self.world.transmittance(at.origin.in_world, light.direction, light.distance, counts);
+            let through = self.world.media.transmittance(at.origin.in_world, light.direction, light.distance, counts);
             self.add(found, 1 + l, std::array::from_fn(|c| light.value[c] * through[c]), by_turn * share);
         }
     }
@@ -492,20 +492,26 @@ impl<T: Sample> Path<'_, '_, T> {
         let largest = self.carried().into_iter().fold(0.0, f64::max);
         let point = from.in_world + distance * direction;
         found.turned(On::Medium(medium), point);
-        match self.in_media.collided(largest, self.pair(turn, self.pairs() - 1)[1]) {
-            Ok(survival) => self.weight = self.weight.map(|w| w / survival),
-            Err(Ended::Absorbed) => {
-                found.ended(PathEnd::Absorbed);
-                return None;
+        let outcome = self.in_media.collided(largest, self.pair(turn, self.pairs() - 1)[1]);
+        self.go_on(outcome, found)?;
+        let origin = Origin { place: Place::Medium, in_world: point };
+        Some(Turn { origin, scatter: Scatter::Medium { onward: direction, medium } })
+    }
+
+    /// Divides the weight by the chance to survive a collision; `None` where the path ended by it.
+    pub(super) fn go_on(&mut self, outcome: Result<f64, Ended>, found: &mut Found) -> Option<()> {
+        match outcome {
+            Ok(survival) => {
+                self.weight = self.weight.map(|w| w / survival);
+                return Some(());
             }
+            Err(Ended::Absorbed) => found.ended(PathEnd::Absorbed),
             Err(Ended::Trapped) => {
                 found.trapped += 1;
                 found.ended(PathEnd::Trapped);
-                return None;
             }
         }
-        let origin = Origin { place: Place::Medium, in_world: point };
-        Some(Turn { origin, scatter: Scatter::Medium { onward: direction, medium } })
+        None
     }
 
     /// Counts a meeting with a level set; whether the path goes on in the next layer.

@@ -14,19 +14,25 @@ pub(in super::super) fn turn(direction: DVec3, front: DVec3, index: f64, u: f64)
     let ratio = if enters { 1.0 / index } else { index };
     let cosine = (-direction.dot(normal)).clamp(0.0, 1.0);
     let reflected = direction + 2.0 * cosine * normal;
-    let square = 1.0 - ratio * ratio * (1.0 - cosine * cosine);
-    if square <= 0.0 || u < reflectance(cosine, square.sqrt(), ratio) {
-        return (reflected.normalize_or(normal), 1.0);
-    }
-    let refracted = ratio * direction + (ratio * cosine - square.sqrt()) * normal;
+    let beyond = match fresnel(cosine, ratio) {
+        Some((reflectance, beyond)) if u >= reflectance => beyond,
+        _ => return (reflected.normalize_or(normal), 1.0),
+    };
+    let refracted = ratio * direction + (ratio * cosine - beyond) * normal;
     (refracted.normalize_or(-normal), ratio * ratio)
 }
 
-/// Reflectance of unpolarised light from the cosines on both sides and the ratio of the indices, n₁/n₂.
-fn reflectance(cosine: f64, beyond: f64, ratio: f64) -> f64 {
+/// Reflectance of unpolarised light from the cosine on its side and the ratio of the index there to that beyond, and the cosine
+/// beyond; `None` beyond the critical angle.
+pub(super) fn fresnel(cosine: f64, ratio: f64) -> Option<(f64, f64)> {
+    let square = 1.0 - ratio * ratio * (1.0 - cosine * cosine);
+    if square <= 0.0 {
+        return None;
+    }
+    let beyond = square.sqrt();
     let across = (ratio * cosine - beyond) / (ratio * cosine + beyond);
     let along = (ratio * beyond - cosine) / (ratio * beyond + cosine);
-    0.5 * (across * across + along * along)
+    Some((0.5 * (across * across + along * along), beyond))
 }
 
 #[cfg(test)]
@@ -36,11 +42,12 @@ mod tests {
     #[test]
     fn known_reflectances() {
         // Straight on ((n−1)/(n+1))² = 0.04; at Brewster's angle atan(1.5) only the half across is reflected.
-        assert!((reflectance(1.0, 1.0, 1.0 / 1.5) - 0.04).abs() < 1e-12);
+        let reflectance = |cosine: f64, ratio: f64| fresnel(cosine, ratio).map_or(1.0, |(reflectance, _)| reflectance);
+        assert!((reflectance(1.0, 1.0 / 1.5) - 0.04).abs() < 1e-12);
         let brewster = libm::atan(1.5f64);
         let (cosine, beyond) = (libm::cos(brewster), libm::sin(brewster));
         let across = ((1.0 / 1.5 * cosine - beyond) / (1.0 / 1.5 * cosine + beyond)).powi(2);
-        assert!((reflectance(cosine, beyond, 1.0 / 1.5) - 0.5 * across).abs() < 1e-12);
+        assert!((reflectance(cosine, 1.0 / 1.5) - 0.5 * across).abs() < 1e-12);
     }
 
     #[test]
@@ -55,5 +62,21 @@ mod tests {
         // Beyond the critical angle all is reflected.
         let (kept, factor) = turn(DVec3::new(0.8, 0.0, 0.6), front, 1.5, 0.999);
         assert!(kept.z < 0.0 && factor == 1.0);
+    }
+
+    /// Means over the cosine, from outside and from inside: inside = 1 − (1 − outside)/n².
+    #[test]
+    fn fresnel_means() {
+        for (n, outside) in [(1.0, 0.0), (1.33, 0.065931), (1.4, 0.076812), (1.5, 0.091778), (2.4, 0.210181)] {
+            // ∫ R d(c²), by the midpoint rule.
+            let mean = |ratio: f64| {
+                let count = 2_000_000;
+                let at = |i: usize| ((i as f64 + 0.5) / count as f64).sqrt();
+                (0..count).map(|i| fresnel(at(i), ratio).map_or(1.0, |(r, _)| r)).sum::<f64>() / count as f64
+            };
+            let (found, within) = (mean(1.0 / n), mean(n));
+            assert!((found - outside).abs() < 1e-6, "{n}: {found}");
+            assert!((within - (1.0 - (1.0 - found) / (n * n))).abs() < 1e-5, "{n}: {within}");
+        }
     }
 }

@@ -113,7 +113,7 @@ impl<T: Sample> Images<'_, '_, T> {
         let value = |c: usize| chain.iter().fold(light.value[c], |v, mirror| v * mirror.reflectance[c]);
         let mut value: [f64; 3] = std::array::from_fn(value);
         for (origin, direction, distance) in &parts {
-            let through = self.world.transmittance(origin.in_world, *direction, *distance, counts);
+            let through = self.world.media.transmittance(origin.in_world, *direction, *distance, counts);
             (0..3).for_each(|c| value[c] *= through[c]);
         }
         Some((first, value))

@@ -111,7 +111,7 @@ impl<'a> Media<'a> {
         glow.map(|l| (l, medium.emission))
     }
 
-    /// e^(−τ) along a ray up to a distance.
+    /// e^(−τ) along a ray up to a distance; 1 where there is no medium.
     pub(super) fn transmittance(
         &self,
         origin: DVec3,

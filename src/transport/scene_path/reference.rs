@@ -425,7 +425,7 @@ impl<T: Sample> Tracer<'_, T> {
         if density > 0.0
             && self.world.sees(&self.isovalues, place, Some(l), light.direction, light.distance, level, counts)
         {
-            let through = self.world.transmittance(place.in_world, light.direction, light.distance, counts);
+            let through = self.world.media.transmittance(place.in_world, light.direction, light.distance, counts);
             let value = std::array::from_fn(|c| light.value[c] * through[c]);
             add(&mut found.near, weight, self.scaled(l, value), density);
         }
@@ -450,7 +450,7 @@ impl<T: Sample> Tracer<'_, T> {
             if self.world.sees(&self.isovalues, place, None, direction, f64::INFINITY, level, counts) {
                 // p_turn · L / p_light, weighted by p_light / (p_light + p_turn).
                 let factor = by_turn / (f64::from(sample.density) + by_turn);
-                let through = self.world.transmittance(place.in_world, direction, f64::INFINITY, counts);
+                let through = self.world.media.transmittance(place.in_world, direction, f64::INFINITY, counts);
                 add(sum, weight, std::array::from_fn(|c| f64::from(sample.radiance[c]) * through[c]), factor);
             }
         }

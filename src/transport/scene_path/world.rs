@@ -291,17 +291,6 @@ impl<'a, T: Sample> World<'a, T> {
         }
     }
 
-    /// e^(−τ) of the media along a ray up to a distance; 1 where there are none.
-    pub(super) fn transmittance(
-        &self,
-        origin: DVec3,
-        direction: DVec3,
-        distance: f64,
-        counts: &mut SceneCounts,
-    ) -> [f64; 3] {
-        if self.media.is_empty() { [1.0; 3] } else { self.media.transmittance(origin, direction, distance, counts) }
-    }
-
     /// What one level set alone does to a ray before `limit`.
     fn along(
         &self,
