@@ -84,7 +84,9 @@
 //! |---|---|---|
 //! | [`error`] | the one error type; errors are values | everything else |
 //! | [`finding`] | what a diagnosis found, how often, what is done about it | everything else |
+//! | [`quantity`] | counts, bytes, times and shares as people read them | everything else |
 //! | [`mod@file`] | opening plain files, and those that other files name | formats |
+//! | [`memory`] | how much memory the process may have, and what sets the bound | what it is for |
 //! | `staging` | files and directories that appear whole, what killed processes leave | what is in them |
 //! | [`grid3`] | places in a grid of three axes and their linear index | everything else |
 //! | [`geom`] | directions, normals as covectors, frames, boxes, affine maps | everything else |
@@ -102,10 +104,10 @@
 //! | [`mod@bake`] | requests, goals, what is pending or damaged, the bake into a store | probes, relighting, the clock |
 //! | [`relight`] | the runtime: contraction, lookup, albedo, emission, exposure | rays, solvers, files |
 //! | [`render`] | camera rays for previews, what pixels see | solvers |
-//! | [`mod@compare`] | the store against paths and photons on the same surface, the budget of its errors | files |
-//! | [`study`] | what accuracy costs: settings against one reference, the front, the figure; where samples of a texture should lie | files, the clock |
 //! | [`export`] | GLB, PLY, PNG, VTI, NRRD, contact sheets, atomic files | volumes, SH, light |
 //! | [`session`] | a store, its surfaces, and light on them: meshes and pictures, step by step | the bake, the clock |
+//! | [`mod@compare`] | the store against paths and photons on the same surface, the budget of its errors, pictures of the difference | the clock |
+//! | [`study`] | what accuracy costs: settings against one reference, the front, the figure; where samples of a texture should lie | the clock |
 //! | [`view`] | the live page and its data, as bytes; the server of the page, with the feature `cli` | solvers, and outside the server sockets |
 //! | `cli` | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
 //! | `python` | the same calls on arrays of NumPy (feature `python`) | how anything is computed |
@@ -128,7 +130,11 @@ pub mod error;
 #[doc(hidden)]
 pub mod finding;
 #[doc(hidden)]
+pub mod quantity;
+#[doc(hidden)]
 pub mod file;
+#[doc(hidden)]
+pub mod memory;
 mod staging;
 #[doc(hidden)]
 pub mod grid3;
@@ -159,12 +165,12 @@ pub mod relight;
 #[doc(hidden)]
 pub mod render;
 #[doc(hidden)]
+pub mod export;
+pub mod session;
+#[doc(hidden)]
 pub mod compare;
 #[doc(hidden)]
 pub mod study;
-#[doc(hidden)]
-pub mod export;
-pub mod session;
 #[doc(hidden)]
 pub mod view;
 #[cfg(feature = "cli")]

@@ -5,16 +5,17 @@ use super::baking::{self, fill};
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::tell;
-use super::light::{for_light, open_probe};
+use super::light::for_light;
 use super::options::{BakeArgs, EstimatorArg, Texture, TransferArgs, add_media, parse_share, parse_time};
-use super::{Failure, Outcome, forecast, output, pack, replay, text};
+use super::{Failure, Outcome, forecast, pack, replay, text};
 use crate::bake::{ForLight, Share, Writing, layout_of_scene};
 use crate::error::Error;
+use crate::export::target::check_folder;
 use crate::file::size_on_disk;
 use crate::probe::Orientation;
 use crate::relight::Material;
 use crate::scene::geometry::{Geometry, Luminaire, LuminaireShape};
-use crate::scene::{Scene, SceneFile, distant_light};
+use crate::scene::{Scene, SceneFile, distant_light, environment, open_probe};
 use crate::study::forecast::{self as forecasts, best_within};
 use crate::study::model::ENOUGH;
 use crate::transfer::Layout;
@@ -339,7 +340,7 @@ impl Bake {
             isovalues.push(chosen.map(|list| list.iter().map(|c| c.value).collect::<Vec<f64>>()));
         }
         let Some(first) = scene.members().first() else { return Ok(None) };
-        let (probe, turned) = forecast::environment(self.for_env.as_deref(), file)?;
+        let (probe, turned) = environment(self.for_env.as_deref(), file)?;
         let turned = if self.for_env.is_some() { self.env_rotate } else { turned };
         let orientation = Orientation::new(first.volume.up, turned)?.in_frame(self.env_frame.into());
         let layout = layout_of_scene(transfer.layout(&first.volume, self.bands())?, first.geometry.as_ref());
@@ -429,7 +430,7 @@ fn check_output(path: &Path) -> Outcome {
         return Err(Error::argument("output", found, expected, remedy).into());
     }
     if path.symlink_metadata().is_err() {
-        return Ok(output::check_folder(path)?);
+        return Ok(check_folder(path)?);
     }
     if path.is_dir() && !path.join("zarr.json").exists() && !looks_like_a_store(path) {
         return Err(Error::argument(

@@ -2,10 +2,11 @@
 
 use super::bake_report::Told;
 use super::console::{Console, interrupts};
-use super::options::{self, BakeArgs, TransferArgs};
+use super::options::{BakeArgs, TransferArgs};
 use super::{Outcome, plan_table, signals};
 use crate::bake::{self, Estimator, ForLight, Goal, Hints, Observer, Report, Request, Task, Writing, layout_of_scene};
 use crate::error::Result;
+use crate::memory;
 use crate::scene::geometry::Geometry;
 use crate::scene::{Effects, Member, Plan, SceneFile};
 use crate::transfer::Layout;
@@ -78,7 +79,7 @@ fn hints(scene: Option<&SceneFile>, range: (f64, f64), isovalues: Option<&[f64]>
 /// Refuses what does not fit into the memory that the user or the system allows, and what cannot be done.
 pub(super) fn check(request: &Request<'_>) -> Result<()> {
     let what = format!("the bake of {}", request.label);
-    options::check_memory(&what, request.bytes_needed(), request.memory_limit)?;
+    memory::check(&what, request.bytes_needed(), request.memory_limit)?;
     request.check()
 }
 
@@ -86,7 +87,7 @@ pub(super) fn check(request: &Request<'_>) -> Result<()> {
 /// command began.
 pub(super) fn fill(request: &Request<'_>, path: &Path, start: Instant, console: &Console) -> Outcome<(Store, Report)> {
     check(request)?;
-    let limit = request.memory_limit.unwrap_or_else(options::default_memory_limit);
+    let limit = request.memory_limit.unwrap_or_else(memory::default_limit);
     let request = Request { memory_limit: Some(limit), ..request.clone() };
     let (store, report) = bake::run(&request, path, &Watcher { console, start, guard: Mutex::new(None) })?;
     report.cut_paths().iter().chain(&report.missed_goal()).for_each(|warning| console.note(warning));

@@ -3,10 +3,10 @@
 use super::bake::Bake;
 use super::console::Console;
 use super::options::{parse_bytes, parse_time};
-use super::output::{check_file, clean};
 use super::{Cli, Command, Failure, Outcome, scene, text};
 use crate::error::Error;
 use crate::export::atomic;
+use crate::export::target::{check_file, clean};
 use clap::Subcommand;
 use serde_json::json;
 use std::ffi::OsString;

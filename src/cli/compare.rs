@@ -9,10 +9,9 @@ mod subject;
 use super::bake::fix;
 use super::console::Console;
 use super::info::check_store;
-use super::inputs::Inputs;
 use super::isovalue::NamedIsovalue;
 use super::light::parse_factor;
-use super::light::{open_probe, parse_triple};
+use super::light::parse_triple;
 use super::options::add_fog;
 use super::{Outcome, text};
 use crate::compare::{
@@ -20,8 +19,9 @@ use crate::compare::{
     check_geometry, compare, compare_geometry, compare_photons, unburied,
 };
 use crate::error::Error;
+use crate::export::inputs::Inputs;
 use crate::probe::{Orientation, Probe, SunSplit};
-use crate::scene::{Effects, Scene, SceneFile, VolumeOptions};
+use crate::scene::{Effects, Scene, SceneFile, VolumeOptions, open_probe};
 use crate::session::{Isosurface, LuminaireFactor, check_factors, factor_of};
 use crate::transfer::BrickSource;
 use crate::transfer::store::Store;
@@ -150,7 +150,7 @@ impl Compare {
         check_store(&self.input)?;
         let file = self.scene.as_deref().map(SceneFile::read).transpose()?;
         let read = self.env.iter().chain([&self.input]).chain(&self.scene);
-        self.pictures.refuse(&Inputs::new(read).with_scene(file.as_ref()))?;
+        self.pictures.refuse(&Inputs::new(read).with(file.iter().flat_map(SceneFile::files)))?;
         let store = Store::open(&self.input)?;
         let mut scene = file.map(|f| f.open(&VolumeOptions::default(), &Effects::default())).transpose()?;
         if let Some(name) = &self.fixed_env {

@@ -1,13 +1,14 @@
 //! `isolume env`: environments by themselves.
 
 use super::console::Console;
-use super::inputs::Inputs;
-use super::light::{open_probe, parse_layout};
-use super::output::check_file;
+use super::light::parse_layout;
 use super::{Failure, Outcome, text};
 use crate::error::{Error, Result};
 use crate::export::atomic;
+use crate::export::inputs::Inputs;
+use crate::export::target::check_file;
 use crate::probe::{LatLong, Layout, Orientation, Probe, Report, report};
+use crate::scene::open_probe;
 use clap::Subcommand;
 use serde_json::json;
 use std::path::{Path, PathBuf};

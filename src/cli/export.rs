@@ -2,16 +2,16 @@
 
 use super::console::Console;
 use super::info::{check_store, check_texture};
-use super::inputs::Inputs;
-use super::light::{LightArgs, MaterialArgs, by_option, open_probe, sentence};
-use super::output::check_file;
+use super::light::{LightArgs, MaterialArgs, by_option, sentence};
 use super::{Outcome, text};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::export::field::{RadianceField, write_nrrd, write_raw, write_raw_header, write_vti};
+use crate::export::inputs::Inputs;
+use crate::export::target::check_file;
 use crate::probe::{EnvFrame, SunSplit};
 use crate::relight::Material;
-use crate::scene::MaterialRule;
+use crate::scene::{MaterialRule, open_probe};
 use crate::session::{Lighting, RelitField};
 use crate::transfer::store::Completeness;
 use crate::transfer::store::Store;

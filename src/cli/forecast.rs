@@ -1,13 +1,11 @@
 //! What a bake will take and give, for `plan` and `bake --auto`: the pilot of the library on the user's own scene.
 
 use super::isovalue::Isovalue;
-use super::light::open_probe;
 use super::{Failure, Outcome, text};
 use crate::compare::{LitSurface, unburied};
-use crate::error::Result;
 use crate::level::Pyramid;
 use crate::probe::{Orientation, Probe};
-use crate::scene::{Member, SceneFile};
+use crate::scene::Member;
 use crate::session::Isosurface;
 use crate::study::forecast::{POINTS, Question, RATIOS, Weighed, pilots};
 use crate::study::model::Forecast;
@@ -37,18 +35,6 @@ pub(super) struct Asked<'a> {
 pub(super) fn clock() -> impl Fn() -> [f64; 2] {
     let (wall, cpu) = (Instant::now(), ProcessTime::now());
     move || [wall.elapsed().as_secs_f64(), cpu.elapsed().as_secs_f64()]
-}
-
-/// The environment of a forecast or a study: that given, else the scene's with its rotation in degrees, else a
-/// courtyard.
-pub(super) fn environment(given: Option<&str>, scene: Option<&SceneFile>) -> Result<(Probe, f64)> {
-    let turned = scene.and_then(|file| file.description.probe.as_ref()?.rotation).unwrap_or(0.0);
-    let (name, turned) = match (given, scene.and_then(SceneFile::environment)) {
-        (Some(given), _) => (given.to_owned(), 0.0),
-        (None, Some(of_scene)) => (of_scene, turned),
-        (None, None) => ("courtyard".into(), 0.0),
-    };
-    Ok((open_probe(&name, false, None)?, turned))
 }
 
 /// The pilots of a bake, and the isovalue of the first volume at which accuracy is looked at: the first asked for. Of

@@ -4,16 +4,12 @@ use super::{Outcome, text};
 use crate::bake::ForLight;
 use crate::error::{Error, Result};
 use crate::geom::Up;
-use crate::probe::{self, EMBEDDED, EnvFrame, Layout, Orientation, Probe, ReadOptions, SunSplit};
+use crate::probe::{EnvFrame, Layout, Orientation, Probe, SunSplit};
 use crate::relight::{Exposure, Material};
 use crate::scene::{Colormap, MaterialRule};
 use crate::session::{LightNote, LightOptions, LuminaireFactor};
 use crate::sh::Window;
 use clap::ValueEnum;
-use std::path::Path;
-
-/// Names of the skies by formula, for suggestions.
-const SKIES: [&str; 5] = ["constant", "gradient", "overcast", "sky", "sun:45,30"];
 
 /// How environment images are read and how the light is prepared.
 #[derive(clap::Args, Clone, Debug)]
@@ -92,22 +88,6 @@ pub(super) fn parse_split(text: &str) -> std::result::Result<SunSplit, String> {
 
 pub(super) fn parse_layout(name: &str) -> std::result::Result<Layout, String> {
     name.parse().map_err(|e: Error| e.to_string())
-}
-
-/// Opens a probe by name or path; a misspelt one gets a suggestion.
-pub(crate) fn open_probe(argument: &str, keep_negative: bool, layout: Option<Layout>) -> Result<Probe> {
-    let options = ReadOptions { layout, keep_negative, ..ReadOptions::default() };
-    let unknown = probe::by_name(argument)?.is_none() && !Path::new(argument).exists();
-    let word = argument.split(':').next().unwrap_or(argument);
-    let known = EMBEDDED.into_iter().chain(SKIES.map(|s| s.split(':').next().unwrap_or(s)));
-    match text::nearest(word, known).filter(|_| unknown) {
-        Some(near) => {
-            let expected =
-                format!("an image file that exists, or one of {}, {}", EMBEDDED.join(", "), SKIES.join(", "));
-            Err(Error::argument("environment", argument, expected, format!("did you mean {near}?")))
-        }
-        None => probe::open(argument, &options),
-    }
 }
 
 /// An environment that errors are measured by, on a surface of one albedo, as it stands around what has an axis up, turned by

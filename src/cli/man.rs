@@ -1,10 +1,10 @@
 //! `isolume man`: the manual, made of what `--help` says.
 
 use super::console::Console;
-use super::output::check_folder;
 use super::{Cli, Outcome};
 use crate::error::Error;
 use crate::export::atomic;
+use crate::export::target::check_folder;
 use clap::CommandFactory;
 use serde_json::json;
 use std::io::Write;

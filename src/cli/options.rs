@@ -1,8 +1,6 @@
 //! What a bake computes, as options: shared by `plan`, `bake` and the lazy bake of `relight`.
 
 use super::isovalue::{Chosen, Isovalue};
-use super::memory::{self, Bound};
-use super::text;
 use crate::bake::{Estimator, ForLight, Goal, Share};
 use crate::error::{Error, Result};
 use crate::scene::medium::{Body, Medium, Phase, albedo_nodes};
@@ -160,6 +158,16 @@ pub(super) enum Texture {
     Texels([usize; 3]),
 }
 
+impl Texture {
+    /// The lattice of a volume.
+    pub(super) fn lattice(self, volume: &Volume) -> Result<Lattice> {
+        match self {
+            Self::Ratio(ratio) => Lattice::from_ratio(volume.dims(), ratio),
+            Self::Texels(texels) => Lattice::from_texels(volume.dims(), texels),
+        }
+    }
+}
+
 pub(super) fn parse_rays(text: &str) -> std::result::Result<u32, String> {
     let rays: u32 = text.parse().map_err(|_| "give a power of two such as 64".to_string())?;
     if rays.is_power_of_two() && (REPLICATES as u32..=1 << 20).contains(&rays) {
@@ -246,10 +254,7 @@ impl TransferArgs {
                 "give one count",
             ));
         }
-        let lattice = match self.texture.unwrap_or(Texture::Ratio(1.0)) {
-            Texture::Ratio(ratio) => Lattice::from_ratio(volume.dims(), ratio)?,
-            Texture::Texels(texels) => Lattice::from_texels(volume.dims(), texels)?,
-        };
+        let lattice = self.texture.unwrap_or(Texture::Ratio(1.0)).lattice(volume)?;
         Ok(Layout { lattice, layers: Layers::new(bands)? })
     }
 
@@ -309,27 +314,6 @@ pub(super) fn in_scene(error: Error, scene: Option<&SceneFile>, isovalue: &Isova
         Some(written) => scene.at_line(written.line, error),
         None => error,
     }
-}
-
-/// Refuses by name what would take more memory than allowed: by the user, else by the system.
-pub(crate) fn check_memory(what: &str, needed: u64, limit: Option<u64>) -> Result<()> {
-    let bound = limit.map_or_else(memory::bound, |bytes| Bound { bytes, set_by: "--memory-limit".into() });
-    if needed <= bound.bytes {
-        return Ok(());
-    }
-    Err(Error::Limit {
-        what: what.into(),
-        needed: text::bytes(needed as f64),
-        limit: format!("{} ({})", text::bytes(bound.bytes as f64), bound.set_by),
-        remedy: "raise it, or lower --texture, --layers or --bands, or give fewer --isovalues at a time; \
-                 --memory-limit SIZE takes the place of this limit"
-            .into(),
-    })
-}
-
-/// The memory that a command may use where the user does not say: 80 % of the least that machine and system allow.
-pub(crate) fn default_memory_limit() -> u64 {
-    memory::bound().bytes
 }
 
 /// What estimates the transfer, as an option.

@@ -263,7 +263,7 @@ const FRAME: &str = "{frame}";
 /// Refuses a picture that is too large for its memory.
 pub(super) fn check_size(size: (usize, usize), limit: Option<u64>) -> Result<()> {
     let needed = (size.0 * size.1 * 40) as u64;
-    super::options::check_memory("the picture", needed, limit).map_err(|e| match e {
+    crate::memory::check("the picture", needed, limit).map_err(|e| match e {
         Error::Limit { what, needed, limit, .. } => {
             Error::Limit { what, needed, limit, remedy: "give a smaller --size".into() }
         }

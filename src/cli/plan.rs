@@ -10,7 +10,7 @@ use crate::bake::layout_of_scene;
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::scene::geometry::Geometry;
-use crate::scene::{Scene, SceneFile};
+use crate::scene::{Scene, SceneFile, environment};
 use crate::study::forecast as forecasts;
 use serde_json::{Value, json};
 use std::time::Duration;
@@ -121,7 +121,7 @@ impl Plan {
             return Err(Failure::Message("a scene without volumes".into()));
         };
         let transfer = &self.bake.transfer;
-        let (probe, turned) = forecast::environment(self.for_env.as_deref(), self.scene.as_ref())?;
+        let (probe, turned) = environment(self.for_env.as_deref(), self.scene.as_ref())?;
         let layout = layout_of_scene(transfer.layout(&first.volume, &self.bake.bands)?, first.geometry.as_ref());
         let (isovalue, all) = forecast::weigh(&forecast::Asked {
             members: scene.members(),

@@ -2,14 +2,12 @@
 
 use super::{Cli, Command};
 use crate::error::Result;
-use crate::scene::{Coupling, Located, SceneFile, TextureSize};
+use crate::scene::{DARK, SceneFile, TextureSize};
 use crate::transfer::store::Store;
 use crate::volume::Solid;
 use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches};
 use std::ffi::OsString;
-
-pub(super) use crate::scene::DARK;
 
 /// Commands that take a scene.
 const COMMANDS: [&str; 4] = ["bake", "plan", "relight", "view"];
@@ -77,18 +75,6 @@ fn with_light_of_store(mut line: Vec<OsString>) -> Vec<OsString> {
     line
 }
 
-/// Isovalues as options have them: where there are none, those of the first volume in the pairs of the coupling.
-pub(super) fn listed_isovalues(file: &SceneFile) -> Option<String> {
-    let given: Vec<String> = file.description.isovalues.iter().map(|i| i.value.clone()).collect();
-    let list = match &file.description.coupling {
-        Some(Located { value: Coupling::Rows(rows), .. }) if given.is_empty() => {
-            rows.iter().map(|row| row[0].to_string()).collect()
-        }
-        _ => given,
-    };
-    Some(list.join(",")).filter(|list| !list.is_empty())
-}
-
 /// What the scene says as options of a command.
 fn options(file: &SceneFile, command: &str) -> Vec<Written> {
     let scene = &file.description;
@@ -98,7 +84,7 @@ fn options(file: &SceneFile, command: &str) -> Vec<Written> {
     };
     add("solid", "--solid", scene.solid.map(|s| if s == Solid::Above { "above" } else { "below" }.into()));
     add("up", "--up", scene.up.map(|up| up.name().into()));
-    let isovalues = listed_isovalues(file);
+    let isovalues = Some(file.listed_isovalues().join(",")).filter(|list| !list.is_empty());
     let bake = &scene.bake;
     add("rays", "--rays", bake.rays.map(|n| n.to_string()));
     add("layers", "--layers", bake.layers.map(|n| n.to_string()));
@@ -139,11 +125,6 @@ fn options_of_relight(file: &SceneFile, isovalues: Option<String>, all: &mut Vec
     for output in &scene.outputs {
         add("output", "--output", Some(output.value.clone()));
     }
-}
-
-/// Bands of the layers, as options have them; none where the scene does not say.
-pub(super) fn bands(file: &SceneFile) -> Vec<u8> {
-    file.description.bake.bands.iter().map(|&b| b as u8).collect()
 }
 
 fn texture(size: TextureSize) -> String {

@@ -4,6 +4,5 @@ pub(crate) use super::bake_report::Told;
 pub(crate) use super::cache::{Cache, InUse};
 pub(crate) use super::console::Console;
 pub(crate) use super::input::parse_up;
-pub(crate) use super::light::{MaterialArgs, Triple, for_light, open_probe, sentence};
-pub(crate) use super::options::default_memory_limit;
+pub(crate) use super::light::{MaterialArgs, Triple, for_light, sentence};
 pub(crate) use super::view::package;

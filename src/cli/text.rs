@@ -1,56 +1,11 @@
-//! Numbers, tables and names as people read them.
+//! Tables and lines as people read them.
 
+pub(super) use crate::quantity::{bytes, count, duration, metric, number, percent, rate};
 pub(super) use crate::scene::nearest;
-pub(super) use crate::session::number;
-use std::time::Duration;
 
-/// 12345678 → "12,345,678".
-pub(super) fn count(n: u64) -> String {
-    let digits = n.to_string();
-    let mut out = String::with_capacity(digits.len() + digits.len() / 3);
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            out.push(',');
-        }
-        out.push(digit);
-    }
-    out
-}
-
-/// Bytes with a decimal unit.
-pub(super) fn bytes(n: f64) -> String {
-    match n {
-        n if n >= 1e9 => format!("{:.2} GB", n / 1e9),
-        n if n >= 1e6 => format!("{:.1} MB", n / 1e6),
-        n if n >= 1e3 => format!("{:.1} kB", n / 1e3),
-        n => format!("{n:.0} B"),
-    }
-}
-
-/// A large number with a metric prefix, such as rays.
-pub(super) fn metric(n: f64) -> String {
-    match n {
-        n if n >= 1e9 => format!("{:.2} G", n / 1e9),
-        n if n >= 1e6 => format!("{:.1} M", n / 1e6),
-        n if n >= 1e3 => format!("{:.1} k", n / 1e3),
-        n => format!("{n:.0} "),
-    }
-}
-
-/// Rays in a time.
-pub(super) fn rate(rays: f64, time: Duration) -> String {
-    format!("{:.2} Mrays/s", rays / time.as_secs_f64().max(1e-9) / 1e6)
-}
-
-/// A duration in milliseconds or seconds.
-pub(super) fn duration(time: Duration) -> String {
-    let seconds = time.as_secs_f64();
-    if seconds < 1.0 { format!("{:.1} ms", 1e3 * seconds) } else { format!("{seconds:.2} s") }
-}
-
-/// A share as a percentage; what is above 100 % only says so.
-pub(super) fn percent(share: f64) -> String {
-    if share > 1.0005 { "> 100 %".into() } else { format!("{} %", number(100.0 * share, 3)) }
+/// Cells of a row of a table.
+pub(super) fn row<'a>(cells: impl IntoIterator<Item = &'a str>) -> Vec<String> {
+    cells.into_iter().map(String::from).collect()
 }
 
 /// Columns of a line that people read.

@@ -5,16 +5,15 @@ use super::cache::{Cache, Filled, InUse};
 use super::console::Console;
 use super::info::{self, check_store, check_texture};
 use super::input::VolumeArgs;
-use super::inputs::Inputs;
 use super::isovalue::{Isovalue, NamedIsovalue};
-use super::light::open_probe;
 use super::options::{Texture, TransferArgs, add_media};
-use super::output::check_file;
-use super::{Failure, Outcome, scene, text};
+use super::{Failure, Outcome, text};
 use crate::error::Error;
 use crate::export::atomic;
+use crate::export::inputs::Inputs;
+use crate::export::target::check_file;
 use crate::probe::{EMBEDDED, Probe};
-use crate::scene::{DARK, Scene, SceneFile};
+use crate::scene::{DARK, Scene, SceneFile, open_probe};
 use crate::session::Groups;
 use crate::transfer::store::Completeness;
 use crate::transfer::store::{SceneIdentity, Store};
@@ -100,7 +99,9 @@ impl View {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
         if let Some(path) = &self.html {
             check_file(path)?;
-            Inputs::new(self.env.iter().chain([&self.input])).with_scene(self.scene.as_ref()).refuse(path)?;
+            Inputs::new(self.env.iter().chain([&self.input]))
+                .with(self.scene.iter().flat_map(SceneFile::files))
+                .refuse(path)?;
         }
         // What cannot be read is refused before a bake, which may take minutes.
         self.env.iter().try_for_each(|name| self.open_probe(name).map(drop))?;
@@ -128,7 +129,9 @@ impl View {
             None => Scene::open_with(&self.input, &volume_options, &self.transfer.effects())?,
         };
         let mut scene = add_media(scene, &self.transfer)?;
-        self.check_name(&scene)?;
+        if let Some(name) = &self.of_volume {
+            scene.member_named(name)?;
+        }
         let isovalues = self.isovalues_of_scene()?;
         let cache = Cache::locate(self.cache.as_deref())?;
         cache.prepare()?;
@@ -158,32 +161,13 @@ impl View {
 
     /// The isovalues that the scene lists, and the one to begin with; none where all are baked.
     fn isovalues_of_scene(&self) -> Outcome<Vec<NamedIsovalue>> {
-        let listed = self.scene.as_ref().filter(|_| !self.all_isovalues).and_then(scene::listed_isovalues);
-        let listed = listed.iter().flat_map(|list| list.split(',')).map(|text| text.parse().map_err(Failure::Message));
+        let listed = self.scene.iter().filter(|_| !self.all_isovalues).flat_map(SceneFile::listed_isovalues);
+        let listed = listed.map(|text| text.parse().map_err(Failure::Message));
         let mut all = listed.collect::<Outcome<Vec<NamedIsovalue>>>()?;
         if !all.is_empty() && self.isovalue != Isovalue::Auto {
             all.push(NamedIsovalue { volume: self.of_volume.clone(), isovalue: self.isovalue });
         }
         Ok(all)
-    }
-
-    /// Refuses a name that no volume of the scene has, before anything is baked.
-    fn check_name(&self, scene: &Scene) -> Outcome {
-        let Some(name) = &self.of_volume else { return Ok(()) };
-        let several = scene.members().iter().filter(|member| member.is_among_others());
-        let names: Vec<&str> = several.map(|member| member.volume.name.as_str()).collect();
-        if names.contains(&name.as_str()) {
-            return Ok(());
-        }
-        let (expected, remedy) = match names.as_slice() {
-            [] => ("a store or a scene of several volumes".into(), "this is one volume alone: leave it out".into()),
-            _ => (
-                format!("one of {}", names.join(", ")),
-                text::nearest(name, names.iter().copied())
-                    .map_or("see the [[volumes]] of the scene".into(), |near| format!("did you mean {near}?")),
-            ),
-        };
-        Err(Error::argument("--volume", name, expected, remedy).into())
     }
 
     /// The volume of the store that is shown.
@@ -213,13 +197,8 @@ impl View {
 
     /// Opens an environment; an error names the line of the scene that it stands in.
     fn open_probe(&self, name: &str) -> Result<Probe, Error> {
-        open_probe(name, false, None).map_err(|error| match &self.scene {
-            Some(file) if file.environment().as_deref() == Some(name) => {
-                let line = file.description.probe.as_ref().map_or(1, |probe| probe.name.line);
-                file.description.at_line(line, error)
-            }
-            _ => error,
-        })
+        let in_scene = |error| self.scene.iter().fold(error, |error, file| file.at_environment(name, error));
+        open_probe(name, false, None).map_err(in_scene)
     }
 
     fn package(&self, store: &Store, console: &Console) -> Outcome<Package> {

@@ -49,6 +49,23 @@ pub fn write<T>(path: impl AsRef<Path>, body: impl FnOnce(&mut BufWriter<File>) 
     Ok(value)
 }
 
+/// Writes these bytes as the file `path`.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_bytes(path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
+    let path = path.as_ref();
+    write(path, |w| w.write_all(bytes).map_err(|e| Error::io(path, "write", e)))
+}
+
+/// Makes a folder, and those above it that are missing.
+///
+/// # Errors
+/// [`Error::Io`] with its path when the system refuses.
+pub fn make_folder(folder: &Path) -> Result<()> {
+    fs::create_dir_all(folder).map_err(|e| Error::io(folder, "make the folder", e))
+}
+
 /// Runs the body over a buffer and flushes it.
 fn fill<T>(path: &Path, file: File, body: impl FnOnce(&mut BufWriter<File>) -> Result<T>) -> Result<(T, File)> {
     let mut writer = BufWriter::with_capacity(BUFFER, file);

@@ -11,6 +11,8 @@
 //! | [`sheet`] | several images with labels as one [`Image`] ([`font`] draws the letters) |
 //! | [`atomic`] | any file: whole or not at all |
 //!
+//! [`target`] names the files and refuses what cannot be written, [`inputs`] what is read as well.
+//!
 //! # Colour
 //! Colours are linear Rec.709 everywhere until the last step. glTF `COLOR_0` *is* linear; PLY and
 //! PNG are 8-bit sRGB through the one transfer function of [`crate::srgb`].
@@ -27,10 +29,12 @@ pub mod field;
 pub mod font;
 pub mod gltf;
 pub mod image;
+pub mod inputs;
 pub mod ply;
 pub mod stl;
 pub mod png;
 pub mod sheet;
+pub mod target;
 
 pub use image::Image;
 

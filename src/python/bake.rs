@@ -3,8 +3,9 @@
 use super::watch;
 use crate::bake::{Bake, Estimator, ForLight, Observer, Report, Request, Writing, run};
 use crate::cli::Failure;
-use crate::cli::shared::{Cache, Console, InUse, Told, default_memory_limit, for_light};
+use crate::cli::shared::{Cache, Console, InUse, Told, for_light};
 use crate::error::{Error, Result};
+use crate::memory;
 use crate::probe::{EnvFrame, Probe};
 use crate::scene::Scene;
 use crate::volume::Isovalue;
@@ -65,7 +66,7 @@ pub(super) fn estimator(name: &str) -> Result<Estimator> {
 impl Settings {
     /// A bake of a scene for some isovalues of its first volume, or for all.
     fn bake<'a>(&self, scene: &'a Scene, isovalues: Option<&[f64]>) -> Result<Bake<'a>> {
-        let limit = self.memory_limit.unwrap_or_else(default_memory_limit);
+        let limit = self.memory_limit.unwrap_or_else(memory::default_limit);
         let mut bake = Bake::of(scene).layers(self.layers).seed(self.seed).positive(self.positive).memory_limit(limit);
         bake = bake.estimator(self.estimator);
         if let Some(list) = isovalues {

@@ -2,10 +2,9 @@
 
 use super::error::OrRaise;
 use super::watch;
-use crate::cli::shared::open_probe;
 use crate::error::{Error, Result};
 use crate::probe::{self, EMBEDDED, LatLong, Probe, ReadOptions};
-use crate::scene::Colormap;
+use crate::scene::{Colormap, open_probe};
 use numpy::{PyArray3, PyArrayMethods, PyReadonlyArray3};
 use pyo3::prelude::*;
 use std::sync::{Arc, Mutex, PoisonError};

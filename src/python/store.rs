@@ -7,12 +7,13 @@ use super::surface::{Ready, Surface};
 use super::watch;
 use crate::bake::{Goal, Observer, Request, Writing, run};
 use crate::cli::Failure;
-use crate::cli::shared::{InUse, MaterialArgs, Triple, default_memory_limit, open_probe, package};
+use crate::cli::shared::{InUse, MaterialArgs, Triple, package};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
+use crate::memory;
 use crate::probe::{EMBEDDED, Probe};
 use crate::relight::{Exposure, Material};
-use crate::scene::{DARK, Effects, Scene};
+use crate::scene::{DARK, Effects, Scene, open_probe};
 use crate::session::{LightOptions, LitOptions, LuminaireFactor, RelitField, Session};
 use crate::sh::Window;
 use crate::transfer::store::{EstimatorIdentity, Store as Held};
@@ -199,7 +200,7 @@ impl Store {
                     isovalues: Some(vec![isovalue]),
                     surfaces: true,
                     goal: Goal::usual(Vec::new()),
-                    memory_limit: Some(default_memory_limit()),
+                    memory_limit: Some(memory::default_limit()),
                     writing: Writing { verify_all: false, ..Writing::default() },
                     ..Request::new(volume, &volume.name, store.layout().clone(), settings, &effects)
                 };

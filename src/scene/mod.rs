@@ -5,6 +5,7 @@ mod colormap;
 mod coupling;
 mod description;
 mod effects;
+mod environment;
 pub mod geometry;
 mod material;
 pub mod medium;
@@ -25,6 +26,8 @@ pub use description::{
     VolumeDescription, WallDescription, WallShape,
 };
 pub use effects::{EFFECTS, EffectSwitch, Effects};
+#[doc(hidden)]
+pub use environment::{environment, open_probe};
 #[doc(hidden)]
 pub use material::{EmissionRule, MaterialRule, Table};
 pub use member::{Front, Member, VolumeOptions};

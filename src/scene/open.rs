@@ -5,7 +5,8 @@ use super::medium::{Body, Medium, MediumField};
 use super::member::{AmongOthers, nearest_beside};
 use super::model::ModelName;
 use super::{
-    Coupled, Coupling, Effects, FieldDescription, Member, SceneDescription, VolumeDescription, VolumeOptions, WallShape,
+    Coupled, Coupling, Effects, FieldDescription, Located, Member, SceneDescription, VolumeDescription, VolumeOptions,
+    WallShape, nearest,
 };
 use crate::error::{Error, Result};
 use crate::file::{self, Beside};
@@ -144,6 +145,27 @@ impl Scene {
     /// The same, to change them.
     pub fn members_mut(&mut self) -> &mut [Member] {
         &mut self.members
+    }
+
+    /// The number of a volume of several by its name.
+    ///
+    /// # Errors
+    /// When none is called so, or there is one alone.
+    pub fn member_named(&self, name: &str) -> Result<usize> {
+        let several = || self.members.iter().filter(|member| member.is_among_others());
+        if let Some(found) = several().position(|member| member.volume.name == name) {
+            return Ok(found);
+        }
+        let names: Vec<&str> = several().map(|member| member.volume.name.as_str()).collect();
+        let (expected, remedy) = match names.as_slice() {
+            [] => ("a store or a scene of several volumes".into(), "this is one volume alone: leave it out".into()),
+            _ => (
+                format!("one of {}", names.join(", ")),
+                nearest(name, names.iter().copied())
+                    .map_or("see the [[volumes]] of the scene".into(), |near| format!("did you mean {near}?")),
+            ),
+        };
+        Err(Error::argument("--volume", name, expected, remedy))
     }
 
     /// The description that it comes from.
@@ -357,6 +379,21 @@ impl SceneFile {
     fn place_of_environment(&self, name: &str) -> String {
         let place = self.folder.join(name);
         if place.exists() { place.display().to_string() } else { name.to_string() }
+    }
+
+    /// The isovalues that it lists, as written: where there are none, those of the first volume in the pairs of the coupling.
+    pub fn listed_isovalues(&self) -> Vec<String> {
+        match &self.description.coupling {
+            Some(Located { value: Coupling::Rows(rows), .. }) if self.description.isovalues.is_empty() => {
+                rows.iter().map(|row| row[0].to_string()).collect()
+            }
+            _ => self.description.isovalues.iter().map(|i| i.value.clone()).collect(),
+        }
+    }
+
+    /// Bands of the layers; none where it does not say.
+    pub fn bands(&self) -> Vec<u8> {
+        self.description.bake.bands.iter().map(|&b| b as u8).collect()
     }
 
     /// All files that it names.

@@ -1,8 +1,9 @@
 //! A volume of a session, and how the isovalues of several go together.
 
-use super::{Isosurface, Part, number};
+use super::{Isosurface, Part};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
+use crate::quantity::number;
 use crate::scene::IsovalueMap;
 use crate::transfer::store::{CouplingIdentity, Store};
 use crate::volume::Volume;

@@ -35,7 +35,6 @@ mod isosurface;
 mod light;
 mod lit;
 mod member;
-mod number;
 mod picture;
 mod relightable;
 mod scale_bar;
@@ -55,8 +54,6 @@ pub use isosurface::Isosurface;
 pub use light::{LightNote, LightOptions, Lighting, SUN_RAYS};
 pub use lit::{Lit, LitOptions, LitTexels};
 pub use member::Member;
-#[doc(hidden)]
-pub use number::number;
 pub use picture::{Background, Framing, PictureOptions, Still};
 pub use surface::{Merged, Part, Surface};
 pub use textures::LuminaireFactor;

@@ -1,7 +1,7 @@
 //! A bar of a round length in a picture.
 
-use super::number;
 use crate::export::{Image, font};
+use crate::quantity::number;
 use crate::render::Camera;
 use crate::volume::LengthUnit;
 

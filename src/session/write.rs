@@ -1,10 +1,11 @@
 //! Files of lit surfaces, with a record of how each was made.
 
 use super::surface::Merged;
-use super::{Lit, Still, number, relightable};
+use super::{Lit, Still, relightable};
 use crate::error::Result;
 use crate::export::gltf::{ColourFormat, GltfOptions};
 use crate::export::{ExportMesh, Positions, atomic, gltf, ply, png, stl};
+use crate::quantity::number;
 use crate::relight::{ErrorTerm, TotalError};
 use serde_json::{Value, json};
 use std::path::Path;

@@ -28,6 +28,7 @@ pub mod front;
 pub mod model;
 pub mod placements;
 mod storage;
+pub mod sweep;
 pub mod thesis;
 
 #[cfg(test)]

@@ -19,6 +19,7 @@
 //! (section 4.6, table 4.2). Only samples that matter for the points are traced: the others change no bit of the result.
 
 mod place;
+pub mod sweep;
 
 #[cfg(test)]
 mod tests;

@@ -6,6 +6,8 @@
 //! the map, direct light by rays). Both are held against path tracing at random vertices, by his measure: root mean square in
 //! percent of white after the exposure of the reference, mean over the isovalues.
 
+pub mod table;
+
 use super::Clock;
 use crate::bake::{Bake, Silent};
 use crate::compare::{LitSurface, PhotonQuestion, Question, Vertices, compare, compare_photons, unburied};

@@ -6,7 +6,7 @@ use crate::cli::bake_report::Told;
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, NamedIsovalue};
 use crate::cli::options::{self, TransferArgs};
-use crate::cli::{Outcome, baking, scene};
+use crate::cli::{Outcome, baking};
 use crate::error::Result;
 use crate::file::size_on_disk;
 use crate::scene::{Member, SceneFile};
@@ -42,7 +42,7 @@ impl<'a> MemberBakes<'a> {
 
     /// Bands of the layers, as the scene has them.
     pub(in crate::cli) fn bands(&self) -> Vec<u8> {
-        self.file.map(scene::bands).unwrap_or_default()
+        self.file.map(SceneFile::bands).unwrap_or_default()
     }
 
     /// The store, once the first volume was baked.

@@ -13,10 +13,10 @@ pub(super) mod members;
 
 use super::baking;
 use super::console::Console;
-use super::output::clean;
 use super::{Failure, Outcome, text};
 use crate::bake::{Report, Request};
 use crate::error::{Error, Result};
+use crate::export::target::clean;
 use crate::transfer::store::{FORMAT_VERSION, Store, StoreLock};
 use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};

@@ -86,7 +86,7 @@ impl PhotonArgs {
             IsovaluesChoice::Extents => Isovalues { choice: IsovalueChoice::Extents, range: None },
             IsovaluesChoice::Uniform => Isovalues { choice: IsovalueChoice::Uniform, range: None },
         };
-        let memory_limit = crate::cli::options::default_memory_limit();
+        let memory_limit = crate::memory::default_limit();
         let map = PhotonSettings {
             photons: self.photons,
             isovalues,

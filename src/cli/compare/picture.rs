@@ -1,13 +1,13 @@
 //! Pictures of a comparison: the store, the reference, and their difference in false colours.
 
-use crate::cli::inputs::Inputs;
-use crate::cli::output::{self, Target};
 use crate::cli::{Outcome, picture, text};
 use crate::compare::{LitSurface, PhotonQuestion, Question, by_store};
 use crate::error::{Error, Result};
 use crate::export::gltf::{GltfOptions, Scalars};
+use crate::export::inputs::Inputs;
 use crate::export::png::PngOptions;
 use crate::export::sheet::{SheetStyle, Tile, contact_sheet};
+use crate::export::target::{self, Target};
 use crate::export::{Image, atomic, gltf, png};
 use crate::relight::Exposure;
 use crate::render::{SeenPoint, seen_points};
@@ -96,7 +96,7 @@ impl PictureOutput {
                 let expected = format!("a name ending in .{suffix}");
                 return Err(Error::argument("output", path.display(), expected, "the ending decides the format").into());
             }
-            Ok(output::targets(path, name, isovalues, environments)?.into_iter().map(Some).collect())
+            Ok(target::targets(path, name, isovalues, environments)?.into_iter().map(Some).collect())
         };
         if let (Some(difference), Some(direct)) = (&self.glb, &self.direct)
             && difference == direct

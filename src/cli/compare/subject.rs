@@ -71,7 +71,7 @@ impl Subject {
         let EstimatorIdentity::ScenePath { photons: Some(sent), .. } = identity.estimator else { return Ok(None) };
         let (volume, pyramid) = (&self.volume, &self.pyramid);
         let scene = PhotonScene { volume, pyramid, geometry: self.geometry.as_ref(), light: None };
-        let limit = crate::cli::options::default_memory_limit();
+        let limit = crate::memory::default_limit();
         SpecularPhotons::new(&scene, identity.bands.len(), isovalue, (sent, identity.seed), limit)
     }
 

@@ -2,9 +2,9 @@
 
 use super::Relight;
 use crate::cli::light::{by_option, sentence};
-use crate::cli::output::{Format, Target};
 use crate::cli::{Failure, Outcome, info, text};
 use crate::error::Error;
+use crate::export::target::{Format, Target};
 use crate::level::Counts;
 use crate::probe::Probe;
 use crate::relight::{LookupReport, Material, SurfaceError, TotalError};

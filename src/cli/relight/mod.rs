@@ -10,17 +10,17 @@ pub(super) use joint::resolve;
 
 use super::console::Console;
 use super::input::VolumeArgs;
-use super::inputs::Inputs;
 use super::isovalue::{Chosen, Isovalue, NamedIsovalue, check_count};
-use super::light::{LightArgs, MaterialArgs, open_probe};
+use super::light::{LightArgs, MaterialArgs};
 use super::options::TransferArgs;
 use super::picture::PictureArgs;
 use super::{Failure, Outcome, info, options, text};
 use crate::error::Error;
+use crate::export::inputs::Inputs;
 use crate::probe::MOST_SUNS;
 use crate::probe::{Probe, SunOptions, SunSplit, split_sun};
 use crate::scene::geometry::Geometry;
-use crate::scene::{EmissionRule, MaterialRule, Scene, SceneFile};
+use crate::scene::{EmissionRule, MaterialRule, Scene, SceneFile, open_probe};
 use crate::session::{LightNote, LightOptions, MeshOptions, Part, Session};
 use crate::sh::Window;
 use crate::transfer::store::{FRONT_NOT_RECORDED, Store};
@@ -262,7 +262,7 @@ impl Relight {
 
     /// What is read.
     fn inputs(&self) -> Inputs {
-        Inputs::new(self.env.iter().chain([&self.input])).with_scene(self.scene.as_ref())
+        Inputs::new(self.env.iter().chain([&self.input])).with(self.scene.iter().flat_map(SceneFile::files))
     }
 
     /// Bakes the volumes of a scene of several, and lights them.
@@ -355,7 +355,7 @@ impl Relight {
         let mut probes = Vec::new();
         for argument in &self.env {
             let probe = open_probe(argument, self.light.keep_negative, self.light.layout)
-                .map_err(|error| self.in_scene(error, argument))?;
+                .map_err(|error| self.scene.iter().fold(error, |e, file| file.at_environment(argument, e)))?;
             for note in &probe.notes {
                 console.note(format!("{}: {} ({})", probe.name, note.text, text::count(note.count)));
             }
@@ -383,17 +383,6 @@ impl Relight {
                     text::percent(lamp.flux_share)
                 ));
             }
-        }
-    }
-
-    /// Names the line of the scene that an environment stands in.
-    fn in_scene(&self, error: Error, environment: &str) -> Error {
-        match &self.scene {
-            Some(file) if file.environment().as_deref() == Some(environment) => {
-                let line = file.description.probe.as_ref().map_or(1, |probe| probe.name.line);
-                file.description.at_line(line, error)
-            }
-            _ => error,
         }
     }
 

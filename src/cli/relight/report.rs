@@ -3,8 +3,8 @@
 use super::Relit;
 use super::file::Written;
 use crate::cli::console::Console;
-use crate::cli::output::Format;
 use crate::cli::text;
+use crate::export::target::Format;
 use crate::relight::{ErrorTerm, TotalError};
 use crate::session::total_json;
 use serde_json::{Value, json};

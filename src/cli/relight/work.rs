@@ -9,16 +9,16 @@ use crate::cli::cache::{Cache, Filled, InUse};
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, tell};
 use crate::cli::light::by_option;
-use crate::cli::output::{Format, Target, make_folder, targets};
 use crate::cli::picture::check_size;
-use crate::cli::scene;
-use crate::cli::{Outcome, options, text};
+use crate::cli::{Outcome, text};
 use crate::error::Error;
+use crate::export::target::{Format, Target, make_folder, targets};
 use crate::geom::Up;
 use crate::level::Pyramid;
+use crate::memory;
 use crate::probe::Probe;
 use crate::scene::geometry::Geometry;
-use crate::scene::{Effects, EmissionRule, MaterialRule};
+use crate::scene::{Effects, EmissionRule, MaterialRule, SceneFile};
 use crate::session::{Lighting, Part, Session, Surface};
 use crate::sh::Coefficients;
 use crate::transfer::store::Store;
@@ -154,13 +154,13 @@ impl<'a> Work<'a> {
         }
         let surface = session.surface_of(parts)?;
         let what = format!("relighting isovalue {}", text::number(isovalues[0], 8));
-        options::check_memory(&what, surface.bytes_of_lighting(), self.command.transfer.memory_limit)?;
+        memory::check(&what, surface.bytes_of_lighting(), self.command.transfer.memory_limit)?;
         Ok(surface)
     }
 
     /// Bakes what the isosurfaces need, coarsely first where the whole takes long, and lights them each time.
     pub(super) fn bake_and_light(&self, label: &str, seed: u64) -> Outcome<Relit> {
-        let bands = self.command.scene.as_ref().map(scene::bands).unwrap_or_default();
+        let bands = self.command.scene.as_ref().map(SceneFile::bands).unwrap_or_default();
         let (of_volume, isovalues) = ((self.volume, label, self.geometry), Some(self.isovalues.clone()));
         let transfer = &self.command.transfer;
         let layers = layout_of_scene(transfer.layout(self.volume, &bands)?, self.geometry).layers;

@@ -3,25 +3,15 @@
 use crate::cli::console::Console;
 use crate::cli::input::VolumeArgs;
 use crate::cli::isovalue::Isovalue;
-use crate::cli::light::{Triple, open_probe, parse_triple};
-use crate::cli::options::{Texture, check_memory, default_memory_limit, parse_bytes, parse_rays, parse_texture};
-use crate::cli::{Failure, Outcome, input, output, text};
-use crate::error::Error;
-use crate::export::atomic;
-use crate::level::Pyramid;
+use crate::cli::light::{Triple, parse_triple};
+use crate::cli::options::{Texture, parse_bytes, parse_rays, parse_texture};
+use crate::cli::{Failure, Outcome, forecast, input, text};
+use crate::export::target;
+use crate::memory;
 use crate::probe::{Orientation, Probe};
-use crate::sampling::DirectionalSource;
-use crate::sampling::statistics::Running;
-use crate::scene::Effects;
-use crate::scene::geometry::Geometry;
-use crate::scene::{DARK, Scene, SceneFile};
-use crate::session::Isosurface;
-use crate::study::placements::{LEVEL_SETS, PLANES, Placement, Route, RouteFound, RouteReference, THE_NINE};
-use crate::surface::extract_without_normals;
-use crate::transfer::Lattice;
-use cpu_time::ProcessTime;
-use serde_json::{Value, json};
-use std::io::Write as _;
+use crate::scene::{DARK, Effects, Scene, SceneFile, open_probe};
+use crate::study::placements::Placement;
+use crate::study::placements::sweep::{PlacementRow, PlacementSweep};
 use std::path::PathBuf;
 
 /// Show where radiance samples should lie that are scattered into a texture (Beason 2005)
@@ -95,126 +85,50 @@ fn parse_placement(text: &str) -> Result<Placement, String> {
     Placement::ALL.into_iter().find(|p| name(p) == text).ok_or_else(|| format!("give one of {}", names()))
 }
 
-/// One placement and number of samples.
-struct Row {
-    placement: Placement,
-    asked: u32,
-    found: Vec<RouteFound>,
-    cpu: f64,
-}
-
 impl PlacementsArgs {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
-        let is_scene = self.input.to_ascii_lowercase().ends_with(".toml");
-        let file = is_scene.then(|| SceneFile::read(&self.input)).transpose()?;
-        let options = self.volume.options();
-        let mut scene = match &file {
-            Some(file) => file.open(&options, &Effects::default())?,
-            None => Scene::open_with(&self.input, &options, &Effects::default())?,
-        };
+        let mut scene = Scene::open_with(&self.input, &self.volume.options(), &Effects::default())?;
+        let file = scene.description().cloned();
         let Some(opened) = scene.members_mut().first_mut() else {
             return Err(Failure::Message("a scene without volumes".into()));
         };
         let chosen = opened.choose(self.isovalue)?;
         opened.take_side(std::slice::from_ref(&chosen))?;
         let volume = &*opened.volume;
-        for note in &volume.notes {
-            console.note(&note.text);
-        }
+        volume.notes.iter().for_each(|note| console.note(&note.text));
         let otherwise = format!("{}-placements", volume.name);
-        let folder = output::result_folder(self.output.as_deref(), otherwise, "placements.csv")?;
+        let folder = target::result_folder(self.output.as_deref(), otherwise, "placements.csv")?;
         volume.check_cells()?;
         let most = self.samples.iter().copied().max().unwrap_or(0);
         // Position, site, radiance and node of a sample.
-        let limit = Some(self.memory_limit.unwrap_or_else(default_memory_limit));
-        check_memory("the samples of the study", u64::from(most) * 200, limit)?;
-        let lattice = match self.texture {
-            Texture::Ratio(ratio) => Lattice::from_ratio(volume.dims(), ratio)?,
-            Texture::Texels(texels) => Lattice::from_texels(volume.dims(), texels)?,
-        };
-        let isovalue = chosen.value;
+        memory::check("the samples of the study", u64::from(most) * 200, self.memory_limit)?;
         let probe = self.probe(file.as_ref())?;
-        let turned = file.as_ref().and_then(|f| f.description.probe.as_ref()?.rotation).unwrap_or(0.0);
-        let orientation = Orientation::new(volume.up, turned)?;
-        let source = probe.as_ref().map(|p| p.source(orientation));
-        if self.placements.is_empty() || self.placements.contains(&Placement::NineLevelSets) {
-            for isovalue in THE_NINE {
-                if extract_without_normals(volume, isovalue)?.triangles.is_empty() {
-                    console.note(format!("level sets 9: isovalue {isovalue} has no surface here, and gets no samples"));
-                }
-            }
-        }
-        let nothing = Geometry::new(Vec::new(), Vec::new(), 1.0)?;
-        let pyramid = Pyramid::new(volume);
-        let surface = Isosurface::extract(volume, &pyramid, isovalue)?;
-        let points: Vec<[f32; 3]> =
-            surface.random_points(self.points, seed).iter().map(|p| p.position_in_grid).collect();
-        let material = self.material(file.as_ref(), volume.value_range());
-        let route = Route {
-            volume,
-            pyramid: &pyramid,
-            geometry: opened.geometry.as_ref().unwrap_or(&nothing),
-            environment: source.as_ref().map(|s| s as &dyn DirectionalSource),
-            isovalue,
-            points: &points,
-            lattice,
-            material: &material,
-            paths: self.paths,
+        let turned = file.as_ref().map_or(0.0, SceneFile::rotation);
+        let sweep = PlacementSweep {
+            member: opened,
+            isovalue: chosen.value,
+            probe: probe.as_ref(),
+            orientation: Orientation::new(volume.up, turned)?,
+            lattice: self.texture.lattice(volume)?,
+            material: &self.material(file.as_ref(), volume.value_range()),
+            samples: &self.samples,
+            placements: &self.placements,
             neighbours: self.neighbours,
+            paths: self.paths,
+            points: self.points,
+            reference_paths: self.reference_paths,
+            repeats: self.repeats,
+            threads: rayon::current_num_threads(),
+            seed,
         };
-        let reference = route.reference(self.reference_paths, seed)?;
-        let rows = self.measured_rows(&route, &reference, seed, console)?;
-        let whole = json!({
-            "input": input::file_name(&self.input), "isovalue": isovalue, "environment": probe.map(|p| p.name),
-            "texture": lattice.texels(), "points": points.len(), "paths": self.paths, "neighbours": self.neighbours,
-            "repeats": self.repeats, "seed": seed, "threads": rayon::current_num_threads(),
-            "reference": { "paths": self.reference_paths, "rays": reference.rays, "noise": reference.noise,
-                "noise_rms_percent": reference.noise_percent },
-            "rows": rows.iter().flat_map(row_json).collect::<Vec<_>>(),
-        });
-        std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the folder", e))?;
-        for (name, bytes) in [
-            ("placements.csv", csv(&rows, &reference).into_bytes()),
-            ("placements.json", format!("{whole:#}\n").into_bytes()),
-        ] {
-            let path = folder.join(name);
-            atomic::write(&path, |w| w.write_all(&bytes).map_err(|e| Error::io(&path, "write", e)))?;
-        }
-        console.print(table(&rows));
-        console.print(self.legend(&reference, lattice));
+        let found = sweep.run(&forecast::clock(), &|text| console.note(text))?;
+        let name = input::file_name(&self.input);
+        found.write(&folder, &name)?;
+        console.print(table(&found.rows));
+        console.print(format!("\n{}", sweep.legend(&found.reference)));
         console.print(format!("\nwritten to {}: placements.csv, placements.json", folder.display()));
-        console.print_json(&whole);
+        console.print_json(&found.to_json(&name));
         Ok(())
-    }
-
-    fn measured_rows(
-        &self,
-        route: &Route<'_>,
-        reference: &RouteReference,
-        seed: u64,
-        console: &Console,
-    ) -> Outcome<Vec<Row>> {
-        let mut rows = Vec::new();
-        let (low, high) = route.volume.value_range();
-        let has_the_nine = THE_NINE.iter().any(|c| low < *c && *c < high);
-        let wanted = |p: &Placement| match self.placements.as_slice() {
-            [] => *p != Placement::NineLevelSets || has_the_nine,
-            chosen => chosen.contains(p),
-        };
-        for placement in Placement::ALL.into_iter().filter(wanted) {
-            // As many as there are texels, whatever is asked for.
-            let samples = if placement == Placement::Texels { &self.samples[..1] } else { &self.samples };
-            for &asked in samples {
-                console.note(format!("{}, {} samples", placement.name(), text::count(u64::from(asked))));
-                let clock = ProcessTime::now();
-                let measured = (0..u64::from(self.repeats))
-                    .map(|i| route.measure(reference, placement, asked, seed.wrapping_add(i)))
-                    .collect::<Result<Vec<_>, Error>>()?;
-                let cpu = clock.elapsed().as_secs_f64() / f64::from(self.repeats);
-                rows.push(Row { placement, asked, found: measured, cpu });
-            }
-        }
-        Ok(rows)
     }
 
     fn probe(&self, file: Option<&SceneFile>) -> Outcome<Option<Probe>> {
@@ -233,29 +147,9 @@ impl PlacementsArgs {
             [albedo, emission.as_ref().map_or([0.0; 3], |rule| rule.at(isovalue))]
         }
     }
-
-    fn legend(&self, reference: &RouteReference, lattice: Lattice) -> String {
-        let [x, y, z] = lattice.texels();
-        format!(
-            "\nRMS %: as Beason (2005), at vertices after the exposure of the reference, cut to [0, 1]; ± standard error over {} \
-             placements. Reference: {} paths at each of {} vertices; its own noise, {:.2} % of RMS %, is in every row. \
-             Texture {x}x{y}x{z}; {} paths a sample; D: radius of a ball that holds {} samples in the mean. Empty texels take \
-             the nearest sample. \"texels\": a sample on each texel, without scatter. Level sets: {LEVEL_SETS} of random isovalues, \
-             many level sets: n^(1/3), level sets 9: those of the thesis. Diagonal planes: {PLANES}, our guess of its \"small set\". Thesis: its figure at 10^6 samples, 100^3 texels, isovalue 47 of the \
-             bump box in its box; sizes of luminaire and colours of walls are not printed there, so only the order compares.",
-            self.repeats, self.reference_paths, self.points, reference.noise_percent, self.paths, self.neighbours
-        )
-    }
 }
 
-/// Mean and standard error over the repeats.
-fn over(found: &[RouteFound], of: impl Fn(&RouteFound) -> f64) -> (f64, f64) {
-    let mut all = Running::default();
-    found.iter().for_each(|f| all.push(of(f)));
-    (all.mean(), all.standard_error())
-}
-
-fn table(rows: &[Row]) -> String {
+fn table(rows: &[PlacementRow]) -> String {
     let head = [
         "placement",
         "samples",
@@ -270,15 +164,14 @@ fn table(rows: &[Row]) -> String {
         "noise of a sample",
         "cpu s",
     ];
-    let mut lines = vec![head.map(String::from).to_vec()];
+    let mut lines = vec![text::row(head)];
     for row in rows {
         let first = &row.found[0];
         let shown = |weight: usize| {
-            let (mean, error) = over(&row.found, |f| f.errors[weight].distance.rms_percent);
+            let (mean, error) = row.over(|f| f.errors[weight].distance.rms_percent);
             format!("{mean:.2} ± {error:.2}")
         };
-        let relative =
-            |weight: usize| text::percent(over(&row.found, |f| f.errors[weight].distance.relative_rms.value).0);
+        let relative = |weight: usize| text::percent(row.over(|f| f.errors[weight].distance.relative_rms.value).0);
         let scattered = row.placement != Placement::Texels;
         lines.push(vec![
             row.placement.name().into(),
@@ -289,79 +182,11 @@ fn table(rows: &[Row]) -> String {
             relative(0),
             if scattered { relative(1) } else { "-".into() },
             if scattered { format!("{:.2}", first.radius_in_texels) } else { "-".into() },
-            text::percent(over(&row.found, |f| f.empty as f64 / f.texels.max(1) as f64).0),
+            text::percent(row.over(|f| f.empty as f64 / f.texels.max(1) as f64).0),
             text::count(first.traced),
             text::percent(first.sample_noise),
             format!("{:.1}", row.cpu),
         ]);
     }
     text::table(&lines)
-}
-
-const HEAD: &str = "placement,asked,samples,weight,repeats,rms_percent,rms_percent_stderr,relative_rms,relative_rms_stderr,bias,\
-radius_in_texels,texels,empty,traced,without_level_set,sample_noise,rays,cpu_seconds,\
-reference_noise_percent,reference_noise,thesis_rms_percent";
-
-fn csv(rows: &[Row], reference: &RouteReference) -> String {
-    let mut out = format!("{HEAD}\n");
-    for row in rows {
-        let first = &row.found[0];
-        for weight in weights(row) {
-            let (shown, relative) = (
-                over(&row.found, |f| f.errors[weight].distance.rms_percent),
-                over(&row.found, |f| f.errors[weight].distance.relative_rms.value),
-            );
-            out += &format!(
-                "{},{},{},{},{},{:.4},{:.4},{:.6},{:.6},{:.6},{:.3},{},{},{},{},{:.5},{},{:.2},{:.4},{:.6},{}\n",
-                row.placement.name(),
-                row.asked,
-                first.samples,
-                first.errors[weight].weight.name(),
-                row.found.len(),
-                shown.0,
-                shown.1,
-                relative.0,
-                relative.1,
-                over(&row.found, |f| f.errors[weight].distance.bias.value).0,
-                first.radius_in_texels,
-                first.texels,
-                over(&row.found, |f| f.empty as f64).0,
-                first.traced,
-                first.without_level_set,
-                first.sample_noise,
-                first.rays,
-                row.cpu,
-                reference.noise_percent,
-                reference.noise,
-                row.placement.of_the_thesis().map_or(String::new(), |v| v.to_string()),
-            );
-        }
-    }
-    out
-}
-
-/// A sample on each texel needs no weights: one row says it.
-fn weights(row: &Row) -> std::ops::Range<usize> {
-    0..if row.placement == Placement::Texels { 1 } else { row.found[0].errors.len() }
-}
-
-fn row_json(row: &Row) -> Vec<Value> {
-    let each = weights(row).map(|weight| {
-        let distance = |f: &RouteFound| f.errors[weight].distance;
-        let (shown, relative) =
-            (over(&row.found, |f| distance(f).rms_percent), over(&row.found, |f| distance(f).relative_rms.value));
-        let first = &row.found[0];
-        json!({
-            "placement": row.placement.name(), "asked": row.asked, "samples": first.samples,
-            "weight": first.errors[weight].weight.name(),
-            "rms_percent": { "mean": shown.0, "standard_error": shown.1 },
-            "relative_rms": { "mean": relative.0, "standard_error": relative.1 },
-            "bias": over(&row.found, |f| distance(f).bias.value).0,
-            "radius_in_texels": first.radius_in_texels, "texels": first.texels,
-            "empty": over(&row.found, |f| f.empty as f64).0, "traced": first.traced,
-            "without_level_set": first.without_level_set, "sample_noise": first.sample_noise,
-            "rays": first.rays, "cpu_seconds": row.cpu, "thesis_rms_percent": row.placement.of_the_thesis(),
-        })
-    });
-    each.collect()
 }

@@ -2,17 +2,12 @@
 
 use crate::cli::console::Console;
 use crate::cli::options::parse_rays;
-use crate::cli::{Outcome, output, text};
+use crate::cli::{Outcome, forecast, text};
 use crate::error::Error;
-use crate::export::atomic;
-use crate::scene::{Coupling, Member, Scene, VolumeOptions};
-use crate::study::thesis::{Effort, PRINTED, Printed, ThesisRow, measure, room};
-use crate::volume::{Volume, field};
-use cpu_time::ProcessTime;
-use serde_json::{Value, json};
-use std::io::Write as _;
+use crate::export::{atomic, target};
+use crate::study::thesis::Effort;
+use crate::study::thesis::table::{ThesisTable, data_sets};
 use std::path::PathBuf;
-use std::time::Instant;
 
 /// Bake several data sets in a box of coloured walls, and compare with the light computed directly (Beason 2005, table 5.14)
 ///
@@ -57,32 +52,20 @@ pub(super) struct ThesisArgs {
     output: PathBuf,
 }
 
-/// A data set to measure.
-struct Data {
-    name: String,
-    resolution: String,
-    scene: Scene,
-    isovalues: Vec<f64>,
-    printed: Printed,
-}
-
 impl ThesisArgs {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
-        let sets = self.data()?;
-        let folder = output::result_folder(Some(&self.output), String::new(), "thesis.csv")?;
+        let neuron = self.neuron.as_deref().map(|file| (file, &*self.neuron_isovalues));
+        let brain = self.brain.as_deref().map(|file| (file, &*self.brain_isovalues));
+        let sets = data_sets(self.size, neuron, brain)?;
+        let folder = target::result_folder(Some(&self.output), String::new(), "thesis.csv")?;
         let effort =
             Effort { rays: self.rays, photons: self.photons, points: self.points, paths: self.reference_paths, seed };
-        let stores = tempfile_beside(&folder)?;
-        let (start, cpu) = (Instant::now(), ProcessTime::now());
-        let clock = || [start.elapsed().as_secs_f64(), cpu.elapsed().as_secs_f64()];
-        let mut rows = Vec::new();
-        for (i, data) in sets.into_iter().enumerate() {
-            console.note(format!("{}, isovalues {:?}", data.name, data.isovalues));
-            let path = stores.path().join(format!("{i}.isolume"));
-            let row = measure(&data.scene, &data.isovalues, &effort, &path, &clock)?;
-            rows.push((data, row));
-        }
-        console.print(table(&rows));
+        atomic::make_folder(&folder)?;
+        let scratch = tempfile::Builder::new().prefix(".stores-").tempdir_in(&folder);
+        let scratch = scratch.map_err(|e| Error::io(&folder, "make a folder in", e))?;
+        let found =
+            ThesisTable::measure(sets, &effort, scratch.path(), &forecast::clock(), &|text| console.note(text))?;
+        console.print(table(&found));
         console.print(format!(
             "\nRMS %: of linear radiance after the exposure of the reference, cut to [0, 1], mean over the isosurfaces, as Beason (2005) \
              measured; reference: {} paths at each of {} vertices. Precompute: the bake of all isosurfaces by {} paths a vertex, wall clock; \
@@ -90,93 +73,14 @@ impl ThesisArgs {
              spray are stand-ins for data that are not public.",
             self.reference_paths, self.points, self.rays
         ));
-        let csv = csv(&rows);
-        let (csv_file, json_file) = (folder.join("thesis.csv"), folder.join("thesis.json"));
-        atomic::write(&csv_file, |w| w.write_all(csv.as_bytes()).map_err(|e| Error::io(&csv_file, "write", e)))?;
-        let json = json!({ "rows": rows.iter().map(|(data, row)| row_json(data, row)).collect::<Vec<_>>() });
-        atomic::write(&json_file, |w| writeln!(w, "{json:#}").map_err(|e| Error::io(&json_file, "write", e)))?;
-        console.print_json(&json);
-        console.print(csv_file.display());
+        found.write(&folder)?;
+        console.print_json(&found.to_json());
+        console.print(folder.join("thesis.csv").display());
         Ok(())
     }
-
-    fn data(&self) -> Outcome<Vec<Data>> {
-        let mut all = Vec::new();
-        let [bump, nucleon, spray, neuron, brain] = PRINTED;
-        let bumps = named(&format!("bumpbox:{}", self.size))?;
-        all.push(alone("bump box", bumps, vec![10.0, 47.0, 100.0, 150.0], bump, 0.0)?);
-        let size = |most: u32| self.size.min(most);
-        let nucleons = [format!("nucleons:{}", size(101)), format!("nucleons-2:{}", size(101))];
-        all.push(pair("nucleons, a stand-in", &nucleons, vec![24.0, 39.0, 79.0, 170.0], nucleon)?);
-        let drops = [format!("spray:{}", size(120)), format!("spray-2:{}", size(120))];
-        all.push(pair("spray, a stand-in", &drops, vec![52.0, 76.0, 112.0, 116.0, 166.0, 201.0], spray)?);
-        for (file, isovalues, printed) in
-            [(&self.neuron, &self.neuron_isovalues, neuron), (&self.brain, &self.brain_isovalues, brain)]
-        {
-            let Some(file) = file else { continue };
-            let member = Member::open(file, &VolumeOptions::default())?;
-            let (low, high) = member.volume.value_range();
-            if let Some(outside) = isovalues.iter().find(|c| !(low < **c && **c < high)) {
-                let (expected, remedy) = (
-                    format!("isovalues of {file}, from {low} to {high}"),
-                    "give others with --neuron-isovalues or --brain-isovalues",
-                );
-                return Err(Error::argument("isovalue", outside, expected, remedy).into());
-            }
-            let volume = Volume::clone(&member.volume);
-            all.push(alone(printed.name, volume, isovalues.clone(), printed, 0.1)?);
-        }
-        Ok(all)
-    }
 }
 
-/// A folder for stores beside the results, which goes when it is dropped.
-fn tempfile_beside(folder: &std::path::Path) -> Outcome<Scratch> {
-    let path = folder.join(format!(".stores-{}", std::process::id()));
-    std::fs::create_dir_all(&path).map_err(|e| Error::io(&path, "make the folder", e))?;
-    Ok(Scratch(path))
-}
-
-struct Scratch(PathBuf);
-
-impl Scratch {
-    fn path(&self) -> &std::path::Path {
-        &self.0
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        // What cannot be removed stays.
-        drop(std::fs::remove_dir_all(&self.0));
-    }
-}
-
-fn named(spec: &str) -> Outcome<Volume> {
-    let found = field::by_name(spec)?.ok_or_else(|| Error::argument("field", spec, "a field", "see isolume info"))?;
-    Ok(found.sample()?)
-}
-
-fn resolution(volume: &Volume) -> String {
-    let [x, y, z] = volume.dims();
-    format!("{x}x{y}x{z}")
-}
-
-fn alone(name: &str, volume: Volume, isovalues: Vec<f64>, printed: Printed, margin: f64) -> Outcome<Data> {
-    let geometry = room(&volume.world_bounds(), volume.up.axis(), margin)?;
-    let resolution = resolution(&volume);
-    Ok(Data { name: name.into(), resolution, scene: Scene::among(volume, geometry), isovalues, printed })
-}
-
-fn pair(name: &str, specs: &[String; 2], isovalues: Vec<f64>, printed: Printed) -> Outcome<Data> {
-    let volumes = specs.iter().map(|spec| named(spec)).collect::<Outcome<Vec<_>>>()?;
-    let resolution = resolution(&volumes[0]);
-    let geometry = room(&volumes[0].world_bounds(), volumes[0].up.axis(), 0.1)?;
-    let scene = Scene::coupled(volumes, &[[1.0; 3]; 2], &Coupling::Equal, Some(geometry))?;
-    Ok(Data { name: name.into(), resolution, scene, isovalues, printed })
-}
-
-fn table(rows: &[(Data, ThesisRow)]) -> String {
+fn table(found: &ThesisTable) -> String {
     let head = [
         "data set",
         "volumes",
@@ -192,8 +96,8 @@ fn table(rows: &[(Data, ThesisRow)]) -> String {
         "photons",
         "thesis",
     ];
-    let mut lines = vec![head.map(String::from).to_vec()];
-    for (data, row) in rows {
+    let mut lines = vec![text::row(head)];
+    for (data, row) in &found.rows {
         let seconds = |v: f64| format!("{} s", text::number(v, 3));
         let printed = &data.printed;
         lines.push(vec![
@@ -213,41 +117,4 @@ fn table(rows: &[(Data, ThesisRow)]) -> String {
         ]);
     }
     text::table(&lines)
-}
-
-const HEAD: &str = "data_set,volume,isovalue,vertices,rms_percent_sh,rms_percent_photons,texturing_seconds,direct_seconds,photon_seconds,\
-thesis_rms_percent";
-
-fn csv(rows: &[(Data, ThesisRow)]) -> String {
-    let mut out = format!("{HEAD}\n");
-    for (data, row) in rows {
-        for s in &row.surfaces {
-            let [sh, photons] = s.rms_percent;
-            out += &format!(
-                "\"{}\",{},{},{},{sh:.4},{photons:.4},{:.4},{:.3},{:.3},{}\n",
-                data.name, s.volume, s.isovalue, s.vertices, s.texturing, s.render, s.photons, data.printed.rms_percent
-            );
-        }
-    }
-    out
-}
-
-fn row_json(data: &Data, row: &ThesisRow) -> Value {
-    let of = |s: &crate::study::thesis::OfIsovalue| {
-        json!({
-            "volume": s.volume, "isovalue": s.isovalue, "vertices": s.vertices, "rms_percent_sh": s.rms_percent[0],
-            "rms_percent_photons": s.rms_percent[1],
-            "seconds": { "texturing": s.texturing, "direct": s.render, "photons": s.photons },
-        })
-    };
-    let p = &data.printed;
-    json!({
-        "data_set": data.name, "resolution": data.resolution, "bake_seconds": row.bake,
-        "rms_percent_sh": row.mean(|s| s.rms_percent[0]), "rms_percent_photons": row.mean(|s| s.rms_percent[1]),
-        "surfaces": row.surfaces.iter().map(of).collect::<Vec<_>>(),
-        "thesis": {
-            "data_set": p.name, "samples": p.samples, "photons_in_millions": p.photons, "precompute_seconds": p.precompute,
-            "texturing_seconds": p.texturing, "render_seconds": p.render, "rms_percent": p.rms_percent,
-        },
-    })
 }

@@ -1,25 +1,50 @@
 //! How much memory this process may have, and what sets the bound: the machine, RLIMIT_AS (`ulimit -v`), or a control group
 //! as batch systems and containers make them.
 
-use super::text;
+use crate::error::{Error, Result};
+use crate::quantity;
 use std::path::{Path, PathBuf};
 
 /// A bound on memory.
-pub(super) struct Bound {
+pub struct Bound {
     /// What a bake may plan with: 80 % of the bound.
-    pub(super) bytes: u64,
+    pub bytes: u64,
     /// What the bound is, for messages.
-    pub(super) set_by: String,
+    pub set_by: String,
 }
 
 /// Where the system tells nothing.
 const UNKNOWN: u64 = 4 << 30;
 
 /// The smallest of the bounds that the system states.
-pub(super) fn bound() -> Bound {
+pub fn bound() -> Bound {
     let all = [of_machine(), of_address_space(), of_control_group()];
     let unknown = Bound { bytes: UNKNOWN, set_by: "this system does not tell its memory".into() };
     all.into_iter().flatten().min_by_key(|bound| bound.bytes).unwrap_or(unknown)
+}
+
+/// Refuses by name what would take more memory than allowed: by the user, else by the system.
+///
+/// # Errors
+/// [`Error::Limit`] with both amounts and what sets the bound.
+pub fn check(what: &str, needed: u64, limit: Option<u64>) -> Result<()> {
+    let bound = limit.map_or_else(bound, |bytes| Bound { bytes, set_by: "--memory-limit".into() });
+    if needed <= bound.bytes {
+        return Ok(());
+    }
+    Err(Error::Limit {
+        what: what.into(),
+        needed: quantity::bytes(needed as f64),
+        limit: format!("{} ({})", quantity::bytes(bound.bytes as f64), bound.set_by),
+        remedy: "raise it, or lower --texture, --layers or --bands, or give fewer --isovalues at a time; \
+                 --memory-limit SIZE takes the place of this limit"
+            .into(),
+    })
+}
+
+/// The memory that a command may use where the user does not say: 80 % of the least that machine and system allow.
+pub fn default_limit() -> u64 {
+    bound().bytes
 }
 
 /// What is left for the rest of the program and for what a forecast misses.
@@ -31,7 +56,7 @@ fn of_machine() -> Option<Bound> {
     let info = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = info.lines().find(|line| line.starts_with("MemTotal:"))?;
     let bytes = line.split_whitespace().nth(1)?.parse::<u64>().ok()?.checked_mul(1024)?;
-    Some(Bound { bytes: usable(bytes), set_by: format!("80 % of this machine's {}", text::bytes(bytes as f64)) })
+    Some(Bound { bytes: usable(bytes), set_by: format!("80 % of this machine's {}", quantity::bytes(bytes as f64)) })
 }
 
 #[cfg(unix)]
@@ -42,7 +67,7 @@ fn of_address_space() -> Option<Bound> {
     let line = status.lines().find_map(|line| line.strip_prefix("VmSize:"));
     let taken = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()).unwrap_or(0);
     let bytes = usable(limit.saturating_sub(taken.saturating_mul(1024)));
-    Some(Bound { bytes, set_by: format!("RLIMIT_AS, ulimit -v, is {}", text::bytes(limit as f64)) })
+    Some(Bound { bytes, set_by: format!("RLIMIT_AS, ulimit -v, is {}", quantity::bytes(limit as f64)) })
 }
 
 #[cfg(not(unix))]
@@ -53,7 +78,7 @@ fn of_address_space() -> Option<Bound> {
 fn of_control_group() -> Option<Bound> {
     let groups = std::fs::read_to_string("/proc/self/cgroup").ok()?;
     let (bytes, file) = smallest_of_groups(&groups, Path::new("/sys/fs/cgroup"))?;
-    Some(Bound { bytes: usable(bytes), set_by: format!("{} is {}", file.display(), text::bytes(bytes as f64)) })
+    Some(Bound { bytes: usable(bytes), set_by: format!("{} is {}", file.display(), quantity::bytes(bytes as f64)) })
 }
 
 /// The smallest limit on the way from the group of a process up to the root, and its file. `groups` is `/proc/self/cgroup`:

@@ -1,22 +1,22 @@
-//! What a command reads, so that it does not write over it.
+//! What is read, so that it is not written over.
 
 use crate::error::{Error, Result};
-use crate::scene::SceneFile;
 use std::fs::{self, Metadata};
 use std::path::{Path, PathBuf};
 
-/// Paths that a command reads; names of fields, skies and embedded environments are no paths, and do no harm here.
-pub(super) struct Inputs(Vec<PathBuf>);
+/// Paths that are read; names of fields, skies and embedded environments are no paths, and do no harm here.
+pub struct Inputs(Vec<PathBuf>);
 
 impl Inputs {
-    /// Arguments of a command that may be paths.
-    pub(super) fn new<'a>(arguments: impl IntoIterator<Item = &'a String>) -> Self {
+    /// Arguments that may be paths.
+    pub fn new<'a>(arguments: impl IntoIterator<Item = &'a String>) -> Self {
         Self(arguments.into_iter().map(PathBuf::from).collect())
     }
 
-    /// And the files that a scene names.
-    pub(super) fn with_scene(mut self, scene: Option<&SceneFile>) -> Self {
-        self.0.extend(scene.into_iter().flat_map(SceneFile::files));
+    /// And other files, such as those that a scene names.
+    #[must_use]
+    pub fn with(mut self, files: impl IntoIterator<Item = PathBuf>) -> Self {
+        self.0.extend(files);
         self
     }
 
@@ -24,7 +24,7 @@ impl Inputs {
     ///
     /// # Errors
     /// [`Error::Argument`] naming both.
-    pub(super) fn refuse(&self, output: &Path) -> Result<()> {
+    pub fn refuse(&self, output: &Path) -> Result<()> {
         // What is not there yet is no input.
         let Ok(found) = fs::metadata(output) else { return Ok(()) };
         let is_it = |input: &&PathBuf| {

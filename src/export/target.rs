@@ -1,12 +1,12 @@
-//! Which files a command writes: names, formats, and whether they can be written.
+//! Which files are written: names, formats, and whether they can be written; found out before the work that they take.
 
-use super::{Outcome, text};
 use crate::error::{Error, Result};
+use crate::quantity::number;
 use std::path::{Path, PathBuf};
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Format {
+pub enum Format {
     Glb,
     Ply,
     Stl,
@@ -39,20 +39,20 @@ impl Format {
 
 /// A file to write.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Target {
-    pub(super) path: PathBuf,
-    pub(super) format: Format,
+pub struct Target {
+    pub path: PathBuf,
+    pub format: Format,
 }
 
 /// The files for all isovalues × environments, isovalue-major, from `-o`: one name, a pattern with
 /// `{isovalue}` and `{env}`, or a directory.
-pub(super) fn targets(output: &Path, name: &str, isovalues: &[f64], environments: &[String]) -> Outcome<Vec<Target>> {
+pub fn targets(output: &Path, name: &str, isovalues: &[f64], environments: &[String]) -> Result<Vec<Target>> {
     let pattern = output.to_string_lossy().into_owned();
     let several = isovalues.len() * environments.len() > 1;
     let is_folder = output.is_dir() || pattern.ends_with(['/', '\\']);
     if is_folder && !several {
         let remedy = format!("give a file name in it such as {}", output.join("surface.glb").display());
-        return Err(Error::argument("output", output.display(), "a file name; this is a directory", remedy).into());
+        return Err(Error::argument("output", output.display(), "a file name; this is a directory", remedy));
     }
     let pattern = if is_folder {
         let file = format!("{}-{{isovalue}}-{{env}}.glb", clean(name));
@@ -66,14 +66,12 @@ pub(super) fn targets(output: &Path, name: &str, isovalues: &[f64], environments
         let suffix = output.extension().map_or("glb".into(), |e| e.to_string_lossy());
         let remedy =
             format!("write for example -o \"{}-{{isovalue}}-{{env}}.{suffix}\", or name a directory", stem.display());
-        return Err(
-            Error::argument("output", output.display(), format!("{part} in the name for {n} of them"), remedy).into()
-        );
+        return Err(Error::argument("output", output.display(), format!("{part} in the name for {n} of them"), remedy));
     }
     let mut targets = Vec::new();
     for c in isovalues {
         for env in environments {
-            let path = pattern.replace("{isovalue}", &text::number(*c, 8)).replace("{env}", &clean(env));
+            let path = pattern.replace("{isovalue}", &number(*c, 8)).replace("{env}", &clean(env));
             let path = PathBuf::from(path);
             targets.push(Target { format: Format::of(&path)?, path });
         }
@@ -85,8 +83,7 @@ pub(super) fn targets(output: &Path, name: &str, isovalues: &[f64], environments
             path,
             "different names",
             "two of the environments or isovalues are the same",
-        )
-        .into());
+        ));
     }
     if is_folder && !output.exists() {
         check_folder(output)?;
@@ -97,7 +94,7 @@ pub(super) fn targets(output: &Path, name: &str, isovalues: &[f64], environments
 }
 
 /// Makes the directory that `-o` names with a slash at its end, if it is not there.
-pub(super) fn make_folder(output: &Path) -> Result<()> {
+pub fn make_folder(output: &Path) -> Result<()> {
     if !output.to_string_lossy().ends_with(['/', '\\']) || output.is_dir() {
         return Ok(());
     }
@@ -105,12 +102,12 @@ pub(super) fn make_folder(output: &Path) -> Result<()> {
 }
 
 /// A name as a part of a file name.
-pub(super) fn clean(name: &str) -> String {
+pub fn clean(name: &str) -> String {
     name.chars().map(|c| if c.is_alphanumeric() || "-_.+".contains(c) { c } else { '_' }).collect()
 }
 
 /// Refuses a file that cannot be written, before any work is done for it.
-pub(super) fn check_file(path: &Path) -> Result<()> {
+pub fn check_file(path: &Path) -> Result<()> {
     if path.is_dir() {
         return Err(Error::argument(
             "output",
@@ -124,7 +121,7 @@ pub(super) fn check_file(path: &Path) -> Result<()> {
 
 /// The folder of a result of several files: `given`, or one in the working directory. Refused before the minutes that the result
 /// takes if `file` cannot be written there.
-pub(super) fn result_folder(given: Option<&Path>, otherwise: String, file: &str) -> Result<PathBuf> {
+pub fn result_folder(given: Option<&Path>, otherwise: String, file: &str) -> Result<PathBuf> {
     let folder = given.map_or_else(|| PathBuf::from(otherwise), Path::to_path_buf);
     let inside = if folder.is_dir() { folder.join(file) } else { folder.clone() };
     check_folder(&inside)?;
@@ -132,7 +129,7 @@ pub(super) fn result_folder(given: Option<&Path>, otherwise: String, file: &str)
 }
 
 /// Refuses a path whose directory is not there or does not take new files.
-pub(super) fn check_folder(path: &Path) -> Result<()> {
+pub fn check_folder(path: &Path) -> Result<()> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if !folder.is_dir() {
         return Err(Error::argument(
@@ -152,11 +149,8 @@ mod tests {
 
     fn names(output: &str, isovalues: &[f64], environments: &[&str]) -> Result<Vec<String>> {
         let environments: Vec<String> = environments.iter().map(|e| e.to_string()).collect();
-        match targets(Path::new(output), "brain", isovalues, &environments) {
-            Ok(list) => Ok(list.iter().map(|t| t.path.display().to_string()).collect()),
-            Err(super::super::Failure::Library(e)) => Err(e),
-            Err(_) => unreachable!("targets gives library errors"),
-        }
+        let list = targets(Path::new(output), "brain", isovalues, &environments)?;
+        Ok(list.iter().map(|t| t.path.display().to_string()).collect())
     }
 
     #[test]
