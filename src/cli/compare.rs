@@ -1,36 +1,23 @@
 //! `isolume compare`: the store's answer against paths and photons on the same surface, and why they differ.
 
-mod geometry;
 mod photon;
-mod lamps;
 mod picture;
-mod subject;
 
 use super::bake::fix;
 use super::console::Console;
 use super::info::check_store;
-use super::isovalue::NamedIsovalue;
-use super::light::parse_factor;
-use super::light::parse_triple;
+use super::isovalue::{NamedIsovalue, parse_named};
+use super::light::{parse_factor, parse_triple};
 use super::options::add_fog;
 use super::{Outcome, text};
-use crate::compare::{
-    BudgetRow, Comparison, Distance, GeometryComparison, LitSurface, PhotonComparison, Question, Vertices,
-    check_geometry, compare, compare_geometry, compare_photons, unburied,
-};
-use crate::error::Error;
+use crate::compare::{Asked, Compared, Figure, Subject, subjects};
 use crate::export::inputs::Inputs;
-use crate::probe::{Orientation, Probe, SunSplit};
+use crate::probe::SunSplit;
 use crate::scene::{Effects, Scene, SceneFile, VolumeOptions, open_probe};
-use crate::session::{Isosurface, LuminaireFactor, check_factors, factor_of};
-use crate::transfer::BrickSource;
+use crate::session::{LuminaireFactor, check_factors};
 use crate::transfer::store::Store;
-use crate::transport::{ExactPoint, points_in_cells};
-use lamps::Lamps;
-use picture::Shown;
-use serde_json::{Value, json};
+use serde_json::json;
 use std::time::{Duration, Instant};
-use subject::Subject;
 
 /// Compare relit isosurfaces with path tracing under the whole environment, and say why they differ
 ///
@@ -60,7 +47,8 @@ pub(super) struct Compare {
         value_name = "[NAME=]C[,…]",
         value_delimiter = ',',
         required = true,
-        allow_hyphen_values = true
+        allow_hyphen_values = true,
+        value_parser = parse_named
     )]
     isovalue: Vec<NamedIsovalue>,
     /// Environment: an image file or a name, as relight takes it
@@ -131,20 +119,6 @@ enum Against {
     Geometry,
 }
 
-/// One surface under one light.
-struct Row {
-    // Of several.
-    volume: Option<String>,
-    isovalue: f64,
-    env: String,
-    found: Comparison,
-    photons: Option<PhotonComparison>,
-    geometry: Option<GeometryComparison>,
-    // The points, where they are listed.
-    listed: Vec<ExactPoint>,
-    time: Duration,
-}
-
 impl Compare {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
         check_store(&self.input)?;
@@ -160,8 +134,10 @@ impl Compare {
         } else if self.fog.is_some() {
             scene = Some(add_fog(Scene::of(store.volume()?), self.fog, &Effects::default())?);
         }
-        let (subjects, isovalues) = self.subjects(store, scene.as_ref())?;
-        let probes = self.env.iter().map(|e| open_probe(e, false, None)).collect::<Result<Vec<_>, Error>>()?;
+        let names = store.identity().scene.as_ref().map_or(&[][..], |scene| &scene.luminaires);
+        check_factors(names, &self.luminaires)?;
+        let (subjects, isovalues) = subjects(store, scene.as_ref(), self.of_volume.as_deref(), &self.isovalue)?;
+        let probes = self.env.iter().map(|e| open_probe(e, false, None)).collect::<Result<Vec<_>, _>>()?;
         let names: Vec<String> = probes.iter().map(|p| p.name.clone()).collect();
         if subjects.iter().any(|subject| subject.baked_by(self.texel_rays).is_none()) {
             console.note("the texels of this estimator cannot be made again: noise, bias and rounding are one row");
@@ -170,11 +146,34 @@ impl Compare {
             ([one], [isovalues]) => self.pictures.files(&one.volume.name, isovalues, &names)?,
             _ => self.pictures.none()?,
         };
+        let by_photons = |volume: &_, isovalue| self.photons.question(volume, isovalue, seed);
+        let asked = Asked {
+            probes: &probes,
+            rotation_degrees: self.env_rotate,
+            frame: self.env_frame.into(),
+            sun_split: self.sun_split,
+            albedo: self.albedo.0,
+            emission: self.emission.0,
+            luminaires: &self.luminaires,
+            points: self.points,
+            paths: self.paths,
+            texel_rays: self.texel_rays,
+            against: match self.against {
+                Against::Path => crate::compare::Against::Paths,
+                Against::Photon => crate::compare::Against::Photons(&by_photons),
+                Against::Geometry => crate::compare::Against::Geometry { list: self.list_points },
+            },
+            seed,
+        };
+        let start = Instant::now();
+        let seconds = || start.elapsed().as_secs_f64();
         let mut rows = Vec::new();
         for (subject, isovalues) in subjects.iter().zip(&isovalues) {
             for (i, &isovalue) in isovalues.iter().enumerate() {
-                let files = files.get(i * probes.len()..(i + 1) * probes.len()).unwrap_or_default();
-                rows.extend(self.compared(subject, isovalue, &probes, files, seed)?);
+                rows.extend(asked.rows(subject, isovalue, &seconds, &|p, shown| {
+                    let files = files.get(i * probes.len() + p);
+                    files.map_or(Ok(()), |files| self.pictures.write(files, shown))
+                })?);
             }
         }
         console.print(table(&rows));
@@ -190,167 +189,79 @@ impl Compare {
         }
         console.print(format!("\nWhy: shares of the mean square of the difference\n{}", budget(&rows)));
         if self.against == Against::Photon {
-            console.print(format!("\n{}", photon::table(&rows)));
+            console.print(format!("\n{}", photon_table(&rows)));
         }
         if self.against == Against::Geometry {
-            console.print(format!("\n{}", geometry::table(&rows)));
+            console.print(format!("\n{}", geometry_table(&rows)));
         }
         for path in files.iter().flat_map(|f| f.paths()) {
             console.print(path.display());
         }
         console.print_json(&json!({
             "points": self.points, "paths": self.paths, "texel_rays": self.texel_rays,
-            "rows": rows.iter().map(row_json).collect::<Vec<_>>(),
+            "rows": rows.iter().map(Compared::to_json).collect::<Vec<_>>(),
         }));
         Ok(())
     }
+}
 
-    /// What is compared, and the isovalues of each.
-    fn subjects(&self, store: Store, scene: Option<&Scene>) -> Outcome<(Vec<Subject>, Vec<Vec<f64>>)> {
-        let names = store.identity().scene.as_ref().map_or(&[][..], |scene| &scene.luminaires);
-        check_factors(names, &self.luminaires)?;
-        let (mut subjects, mut isovalues) = subject::subjects(store, scene, self.of_volume.as_deref(), &self.isovalue)?;
-        if let Some(name) = &self.of_volume {
-            let place = subjects.iter().position(|s| s.name.as_ref() == Some(name)).unwrap_or(0);
-            (subjects, isovalues) = (vec![subjects.swap_remove(place)], vec![isovalues.swap_remove(place)]);
-        }
-        Ok((subjects, isovalues))
-    }
-
-    /// One isosurface of one volume, under each environment.
-    fn compared(
-        &self,
-        subject: &Subject,
-        isovalue: f64,
-        probes: &[Probe],
-        files: &[picture::Files],
-        seed: u64,
-    ) -> Outcome<Vec<Row>> {
-        let Subject { volume, pyramid, geometry, .. } = subject;
-        let geometry = geometry.as_ref();
-        let at_vertices = subject.at_vertices(isovalue)?;
-        let stores = at_vertices.as_ref().unwrap_or(&subject.textures);
-        let vertices = stores[0].mesh()?.map(|mesh| Vertices::new(isovalue, mesh));
-        let layout = stores[0].layout();
-        let orientation = Orientation::new(volume.up, self.env_rotate)?.in_frame(self.env_frame.into());
-        // In the order of the vertices of a store.
-        let surface = Isosurface::extract(volume, pyramid, isovalue)?;
-        let cells = match self.against {
-            Against::Geometry => Some(points_in_cells(volume, pyramid, surface.mesh(), isovalue, self.points, seed)),
-            Against::Path | Against::Photon => None,
-        };
-        let points = match &cells {
-            Some(cells) => cells.smoothed.clone(),
-            None => surface.random_points(self.points, seed),
-        };
-        let points = unburied(volume, pyramid, geometry, isovalue, points);
-        let luminaires = geometry.map_or(&[][..], |geometry| geometry.luminaires());
-        let scales: Vec<[f64; 3]> = luminaires.iter().map(|l| factor_of(&l.name, &self.luminaires)).collect();
-        let textures: Vec<&dyn BrickSource> = stores.iter().map(|t| t as _).collect();
-        let settings = subject.baked_by(self.texel_rays);
-        let photons = subject.specular_photons(at_vertices.is_some().then_some(isovalue))?;
-        let mut rows = Vec::new();
-        for (p, probe) in probes.iter().enumerate() {
-            let start = Instant::now();
-            let lit = LitSurface {
-                volume,
-                pyramid,
-                geometry,
-                caustics: subject.has_caustics(),
-                specular: photons.as_ref().map(|photons| photons as _),
-                isovalue,
-                points: &points,
-                light: &probe.source(orientation),
-                coefficients: &probe.coefficients_in_world(layout.layers.max_bands(), orientation),
-                albedo: self.albedo.0,
-                emission: self.emission.0,
-                scales: &scales,
-                vertices: vertices.as_ref(),
-            };
-            let split = if geometry.is_some() { SunSplit::Off } else { self.sun_split };
-            let lamps = Lamps::of(probe, orientation, split, &layout.layers);
-            let question = Question {
-                surface: lit,
-                textures: &textures,
-                baked_by: settings.as_ref(),
-                apart: lamps.as_ref().map(Lamps::apart),
-                paths: self.paths,
-                texel_rays: self.texel_rays,
-                seed,
-            };
-            let asked = match self.against {
-                Against::Path | Against::Geometry => None,
-                Against::Photon => Some(self.photons.question(volume, isovalue, seed)?),
-            };
-            if let Some(asked) = &asked {
-                asked.check(&question)?;
-            }
-            if cells.is_some() {
-                check_geometry(&lit)?;
-            }
-            let found = compare(&question)?;
-            let beside = cells.as_ref().map(|cells| compare_geometry(&question, &found, cells)).transpose()?;
-            let photons = asked.as_ref().map(|asked| compare_photons(&question, &found, asked)).transpose()?;
-            let time = start.elapsed();
-            let shown = Shown { question: &question, surface: &surface, photons: asked.as_ref(), mean: found.mean };
-            if let Some(files) = files.get(p) {
-                self.pictures.write(files, &shown)?;
-            }
-            let (volume, env) = (subject.name.clone(), probe.name.clone());
-            let listed = cells.iter().filter(|_| self.list_points).flat_map(|cells| cells.exact()).collect();
-            rows.push(Row { volume, isovalue, env, found, photons, geometry: beside, listed, time });
-        }
-        Ok(rows)
+/// Which surface a row is of.
+fn surface(row: &Compared) -> String {
+    let isovalue = text::number(row.isovalue, 6);
+    match &row.volume {
+        Some(name) => format!("{name} {isovalue}"),
+        None => isovalue,
     }
 }
 
-impl Row {
-    /// The rows of the longest chain.
-    fn budget(&self) -> &[BudgetRow] {
-        self.geometry.as_ref().map_or(&self.found.budget, |geometry| &geometry.budget)
-    }
-
-    /// Which surface it is of.
-    fn surface(&self) -> String {
-        let isovalue = text::number(self.isovalue, 6);
-        match &self.volume {
-            Some(name) => format!("{name} {isovalue}"),
-            None => isovalue,
-        }
-    }
+/// A share and half of its interval.
+fn share(figure: &Figure) -> String {
+    format!("{} ± {}", text::percent(figure.value), text::percent(figure.half_interval))
 }
 
-fn table(rows: &[Row]) -> String {
-    let mut lines = vec![
-        ["isovalue", "environment", "against", "relative RMS", "without noise", "95 %", "max", "bias", "RMS %", "time"]
-            .map(String::from)
-            .to_vec(),
-    ];
+/// The same of what may be negative.
+fn signed(figure: &Figure) -> String {
+    format!("{:+.2} ± {:.2} %", 100.0 * figure.value, 100.0 * figure.half_interval)
+}
+
+fn table(rows: &[Compared]) -> String {
+    let mut lines = vec![text::row([
+        "isovalue",
+        "environment",
+        "against",
+        "relative RMS",
+        "without noise",
+        "95 %",
+        "max",
+        "bias",
+        "RMS %",
+        "time",
+    ])];
     for row in rows {
         for (against, d) in [("whole light", &row.found.whole), ("its bands", &row.found.band_limited)] {
             lines.push(vec![
-                row.surface(),
+                surface(row),
                 row.env.clone(),
                 against.into(),
-                format!("{} ± {}", text::percent(d.relative_rms.value), text::percent(d.relative_rms.half_interval)),
+                share(&d.relative_rms),
                 text::percent(d.relative_rms_without_noise),
                 text::percent(d.percentile_95),
                 text::percent(d.maximum),
-                format!("{:+.2} ± {:.2} %", 100.0 * d.bias.value, 100.0 * d.bias.half_interval),
+                signed(&d.bias),
                 format!("{:.2}", d.rms_percent),
-                text::duration(row.time),
+                text::duration(Duration::from_secs_f64(row.seconds)),
             ]);
         }
     }
     text::table(&lines)
 }
 
-fn budget(rows: &[Row]) -> String {
+fn budget(rows: &[Compared]) -> String {
     let names = rows.first().map_or(Vec::new(), |r| r.budget().iter().map(|b| b.name.to_string()).collect());
     let head = ["isovalue", "environment"].map(String::from).into_iter().chain(names);
     let mut lines = vec![head.chain(["total".into(), "noise of the reference".into()]).collect::<Vec<_>>()];
     for row in rows {
-        let mut line = vec![row.surface(), row.env.clone()];
+        let mut line = vec![surface(row), row.env.clone()];
         let total: f64 = row.budget().iter().map(|b| b.mean_square).sum();
         for b in row.budget() {
             let rms = b.mean_square.abs().sqrt().copysign(b.mean_square);
@@ -363,30 +274,61 @@ fn budget(rows: &[Row]) -> String {
     text::table(&lines)
 }
 
-fn distance_json(d: &Distance) -> Value {
-    let figure = |f: crate::compare::Figure| json!({ "value": f.value, "half_interval_95": f.half_interval });
-    json!({
-        "relative_rms": figure(d.relative_rms),
-        "relative_rms_without_noise": d.relative_rms_without_noise,
-        "bias": figure(d.bias),
-        "percentile_95": d.percentile_95,
-        "maximum": d.maximum,
-        "rms_percent": d.rms_percent,
-    })
+/// Photons beside the store and the paths.
+fn photon_table(rows: &[Compared]) -> String {
+    let head = [
+        "isovalue",
+        "environment",
+        "store against photons",
+        "bias",
+        "photons against paths",
+        "bias",
+        "their noise",
+        "their bias (RMS)",
+        "hits",
+        "memory",
+    ];
+    let mut lines = vec![text::row(head)];
+    for row in rows {
+        let Some(p) = &row.photons else { continue };
+        lines.push(vec![
+            surface(row),
+            row.env.clone(),
+            share(&p.store.relative_rms),
+            signed(&p.store.bias),
+            share(&p.paths.relative_rms),
+            signed(&p.paths.bias),
+            text::percent(p.noise),
+            text::percent(p.bias),
+            p.hits.to_string(),
+            text::bytes(p.bytes as f64),
+        ]);
+    }
+    format!("Photons, relative RMS under the whole light\n{}", text::table(&lines))
 }
 
-fn row_json(row: &Row) -> Value {
-    let f = &row.found;
-    json!({
-        "volume": row.volume, "isovalue": row.isovalue, "environment": row.env, "mean_radiance": f.mean,
-        "whole": distance_json(&f.whole), "band_limited": distance_json(&f.band_limited),
-        "budget_mean_square": row.budget().iter().map(|b| (b.name.to_string(), json!(b.mean_square))).collect::<serde_json::Map<_, _>>(),
-        "reference_noise": f.reference_noise, "rays": f.rays, "seconds": row.time.as_secs_f64(),
-        "lookups": {
-            "all": f.lookups.lookups, "renormalised": f.lookups.renormalised,
-            "neighbourhood": f.lookups.neighbourhood, "unoccluded": f.lookups.unoccluded,
-        },
-        "photons": row.photons.as_ref().map(photon::photons_json),
-        "geometry": row.geometry.as_ref().map(|g| geometry::geometry_json(row, g)),
-    })
+/// The surface itself beside the store and the paths.
+fn geometry_table(rows: &[Compared]) -> String {
+    let head =
+        ["isovalue", "environment", "store", "bias", "normals", "without noise", "bias", "standard error", "rays lost"];
+    let mut lines = vec![text::row(head)];
+    for row in rows {
+        let Some(g) = &row.geometry else { continue };
+        lines.push(vec![
+            surface(row),
+            row.env.clone(),
+            share(&g.store.relative_rms),
+            signed(&g.store.bias),
+            share(&g.normals.relative_rms),
+            text::percent(g.normals.relative_rms_without_noise),
+            format!("{:+.2} %", 100.0 * g.normals.bias.value),
+            format!("{:.2} %", 100.0 * g.normals.bias.standard_error()),
+            format!("{} of {}", g.counts.lost, g.counts.rays),
+        ]);
+    }
+    format!(
+        "Against the surface itself, relative RMS under the whole light; normals: smoothed ones, which paths start \
+         about, against its own\n{}",
+        text::table(&lines)
+    )
 }

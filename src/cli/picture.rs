@@ -260,13 +260,3 @@ impl PictureArgs {
 
 /// Stands for the number of a turntable's picture.
 const FRAME: &str = "{frame}";
-/// Refuses a picture that is too large for its memory.
-pub(super) fn check_size(size: (usize, usize), limit: Option<u64>) -> Result<()> {
-    let needed = (size.0 * size.1 * 40) as u64;
-    crate::memory::check("the picture", needed, limit).map_err(|e| match e {
-        Error::Limit { what, needed, limit, .. } => {
-            Error::Limit { what, needed, limit, remedy: "give a smaller --size".into() }
-        }
-        other => other,
-    })
-}

@@ -5,7 +5,7 @@ use super::cache::{Cache, Filled, InUse};
 use super::console::Console;
 use super::info::{self, check_store, check_texture};
 use super::input::VolumeArgs;
-use super::isovalue::{Isovalue, NamedIsovalue};
+use super::isovalue::{Isovalue, NamedIsovalue, parse_named};
 use super::options::{Texture, TransferArgs, add_media};
 use super::{Failure, Outcome, text};
 use crate::error::Error;
@@ -162,7 +162,7 @@ impl View {
     /// The isovalues that the scene lists, and the one to begin with; none where all are baked.
     fn isovalues_of_scene(&self) -> Outcome<Vec<NamedIsovalue>> {
         let listed = self.scene.iter().filter(|_| !self.all_isovalues).flat_map(SceneFile::listed_isovalues);
-        let listed = listed.map(|text| text.parse().map_err(Failure::Message));
+        let listed = listed.map(|text| parse_named(&text).map_err(Failure::Message));
         let mut all = listed.collect::<Outcome<Vec<NamedIsovalue>>>()?;
         if !all.is_empty() && self.isovalue != Isovalue::Auto {
             all.push(NamedIsovalue { volume: self.of_volume.clone(), isovalue: self.isovalue });

@@ -18,8 +18,12 @@
 
 mod apart;
 mod geometry;
+mod lamps;
 mod photon;
+pub mod picture;
+mod rows;
 pub(crate) mod slow;
+mod subject;
 mod surface;
 
 #[cfg(test)]
@@ -28,6 +32,8 @@ mod tests;
 pub use apart::Apart;
 pub use geometry::{GeometryComparison, check_geometry, compare_geometry};
 pub use photon::{PhotonComparison, PhotonQuestion, compare_photons};
+pub use rows::{Against, Asked, Compared};
+pub use subject::{Subject, subjects};
 pub(crate) use surface::Texels;
 pub use surface::{LitSurface, Vertices, unburied};
 
@@ -39,6 +45,7 @@ use crate::sh::{self, Coefficients};
 use crate::transfer::BrickSource;
 use crate::transport::{Radiance, Settings};
 use apart::exchange;
+use serde::Serialize;
 
 /// What is compared.
 #[derive(Clone, Copy)]
@@ -60,16 +67,24 @@ pub struct Question<'a> {
 }
 
 /// One number with half of its 95 % interval, from the spread over the points.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Figure {
     /// The estimate.
     pub value: f64,
     /// Half of the interval.
+    #[serde(rename = "half_interval_95")]
     pub half_interval: f64,
 }
 
+impl Figure {
+    /// The standard error, over many points.
+    pub fn standard_error(&self) -> f64 {
+        self.half_interval / 1.96
+    }
+}
+
 /// How far the store is from the reference.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Distance {
     /// Root mean square of the difference of linear radiance, channels together, over the mean of the reference.
     pub relative_rms: Figure,

@@ -3,6 +3,7 @@
 
 use super::{Image, write_error};
 use crate::error::{Error, Result};
+use crate::memory;
 use crate::srgb;
 use std::io::Write;
 
@@ -15,6 +16,20 @@ pub struct PngOptions {
     pub software: Option<String>,
     /// Text for the keyword `Description`, such as the provenance as JSON.
     pub description: Option<String>,
+}
+
+/// Refuses a picture that is too large for its memory.
+///
+/// # Errors
+/// [`Error::Limit`] with both amounts.
+pub fn check_size(size: (usize, usize), limit: Option<u64>) -> Result<()> {
+    let needed = (size.0 * size.1 * 40) as u64;
+    memory::check("the picture", needed, limit).map_err(|e| match e {
+        Error::Limit { what, needed, limit, .. } => {
+            Error::Limit { what, needed, limit, remedy: "give a smaller --size".into() }
+        }
+        other => other,
+    })
 }
 
 /// Writes an image. Colours outside [0, 1] are clamped, as a display would; alpha is linear.

@@ -92,6 +92,15 @@ impl VolumeOptions {
     }
 }
 
+/// An isovalue, perhaps of one of several volumes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NamedIsovalue {
+    /// The volume, where it is named.
+    pub volume: Option<String>,
+    /// In its values.
+    pub isovalue: Isovalue,
+}
+
 /// A volume and what is known of it besides its samples: a scene has one or several.
 #[derive(Clone, Debug)]
 pub struct Member {

@@ -32,7 +32,7 @@ pub use environment::{environment, open_probe};
 pub use material::{EmissionRule, MaterialRule, Table};
 pub use member::{Front, Member, VolumeOptions};
 #[doc(hidden)]
-pub use member::{check_count, missing_store};
+pub use member::{NamedIsovalue, check_count, missing_store};
 #[doc(hidden)]
 pub use model::{ModelName, describe, sample};
 #[doc(hidden)]

@@ -68,10 +68,12 @@ use crate::error::{Error, Result};
 use crate::geom::Up;
 use crate::level::Pyramid;
 use crate::probe::Probe;
+use crate::quantity::number;
 use crate::scene::geometry::Geometry;
-use crate::scene::nearest;
+use crate::scene::{NamedIsovalue, nearest};
 use crate::transfer::store::Store;
-use crate::volume::Volume;
+use crate::volume::isovalue::Chosen;
+use crate::volume::{Isovalue, Volume};
 use member::{Held, coupling_of, partnered};
 use std::sync::Arc;
 
@@ -218,6 +220,40 @@ impl<'a> Session<'a> {
         self.members.iter().map(|partner| partnered(member, partner, isovalue)).collect()
     }
 
+    /// The isovalue of each volume that belongs to one that was asked for, and how that of the first came about; `auto` is the one
+    /// that the store holds, if it holds only some.
+    ///
+    /// # Errors
+    /// When no volume has the name, no surface the isovalue, or it has no partner.
+    pub fn choose(&self, named: &NamedIsovalue) -> Result<(Chosen, Vec<f64>)> {
+        let from = named.volume.as_ref().map_or(Ok(0), |name| self.member(name)).map_err(as_option)?;
+        let members = self.members();
+        let of = &members[from];
+        let only = match named.isovalue {
+            Isovalue::Auto => {
+                let held = of.store().holdings()?;
+                held.isovalues.first().copied().filter(|_| !held.all)
+            }
+            _ => None,
+        };
+        let chosen = match only {
+            Some(value) => {
+                Chosen { reason: Some("the store holds it".into()), ..Chosen::given(value, of.volume().solid) }
+            }
+            None => named.isovalue.resolve(of.volume(), Some(of.volume().solid), None)?,
+        };
+        let all = self.isovalues(from, chosen.value).map_err(as_option)?;
+        let reason = all.iter().zip(members).map(|(c, m)| format!("{} {}", m.name(), number(*c, 6)));
+        let reason = reason.collect::<Vec<_>>().join(", ");
+        Ok((
+            Chosen {
+                reason: Some(chosen.reason.map_or(reason.clone(), |r| format!("{r}; {reason}"))),
+                ..Chosen::given(all[0], members[0].volume().solid)
+            },
+            all,
+        ))
+    }
+
     /// The isosurface of an isovalue of the first member, with those of the others that belong to it.
     ///
     /// # Errors
@@ -252,5 +288,15 @@ impl<'a> Session<'a> {
             None => options,
         };
         Lighting::new(probe, self.up, &store.layout().layers, options)
+    }
+}
+
+/// The error about an isovalue that an option gave.
+fn as_option(error: Error) -> Error {
+    match error {
+        Error::Argument { name, given, expected, remedy } if name == "isovalue" => {
+            Error::argument("--isovalue", given, expected, remedy)
+        }
+        other => other,
     }
 }

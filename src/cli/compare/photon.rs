@@ -1,14 +1,11 @@
-//! Photons as options, and what they found as a table.
+//! Photons as options.
 
-use super::Row;
-use crate::cli::text;
-use crate::compare::{PhotonComparison, PhotonQuestion};
+use crate::compare::PhotonQuestion;
 use crate::error::{Error, Result};
 use crate::transport::{
-    Density, IsovalueChoice, Isovalues, PhotonEnergy, PhotonLight, PhotonLightSettings, PhotonSearch, PhotonSettings,
+    Density, IsovalueChoice, Isovalues, PhotonLight, PhotonLightSettings, PhotonSearch, PhotonSettings,
 };
 use crate::volume::Volume;
-use serde_json::{Value, json};
 
 /// Flattened photon mapping.
 #[derive(clap::Args, Clone, Debug)]
@@ -110,57 +107,4 @@ impl PhotonArgs {
         let reading = PhotonLightSettings { light, rays: self.photon_rays, search, caustics, seed };
         Ok(PhotonQuestion { map, reading })
     }
-}
-
-/// Photons beside the store and the paths.
-pub(super) fn table(rows: &[Row]) -> String {
-    let head = [
-        "isovalue",
-        "environment",
-        "store against photons",
-        "bias",
-        "photons against paths",
-        "bias",
-        "their noise",
-        "their bias (RMS)",
-        "hits",
-        "memory",
-    ];
-    let mut lines = vec![head.map(String::from).to_vec()];
-    for row in rows {
-        let Some(p) = &row.photons else { continue };
-        let percent =
-            |d: &crate::compare::Figure| format!("{} ± {}", text::percent(d.value), text::percent(d.half_interval));
-        let bias = |d: &crate::compare::Figure| format!("{:+.2} ± {:.2} %", 100.0 * d.value, 100.0 * d.half_interval);
-        lines.push(vec![
-            row.surface(),
-            row.env.clone(),
-            percent(&p.store.relative_rms),
-            bias(&p.store.bias),
-            percent(&p.paths.relative_rms),
-            bias(&p.paths.bias),
-            text::percent(p.noise),
-            text::percent(p.bias),
-            p.hits.to_string(),
-            text::bytes(p.bytes as f64),
-        ]);
-    }
-    format!("Photons, relative RMS under the whole light\n{}", text::table(&lines))
-}
-
-pub(super) fn photons_json(p: &PhotonComparison) -> Value {
-    let energy = |e: &PhotonEnergy| {
-        json!({
-            "photons": e.photons, "hits": e.hits, "emitted": e.emitted, "missed": e.missed, "discarded": e.discarded,
-            "escaped": e.escaped, "absorbed": e.absorbed, "in_walls": e.in_walls, "in_luminaires": e.in_luminaires,
-            "cut": e.cut, "imbalance": e.imbalance(), "stored_by_bounce": e.stored,
-        })
-    };
-    json!({
-        "store_against_photons": super::distance_json(&p.store),
-        "photons_against_paths": super::distance_json(&p.paths),
-        "noise": p.noise, "bias_rms": p.bias, "hits": p.hits, "caustics": p.caustics, "bytes": p.bytes,
-        // Of the environment, then of each luminaire.
-        "energies": p.energies.iter().map(energy).collect::<Vec<_>>(),
-    })
 }

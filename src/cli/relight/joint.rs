@@ -6,44 +6,12 @@ use crate::bake::layout_of_scene;
 use crate::cli::cache::members::MemberBakes;
 use crate::cli::cache::{Cache, InUse};
 use crate::cli::console::Console;
-use crate::cli::isovalue::{Chosen, Isovalue, NamedIsovalue};
-use crate::cli::light::by_option;
-use crate::cli::{Failure, Outcome, text};
-use crate::error::Result;
+use crate::cli::{Failure, Outcome};
 use crate::probe::Probe;
 use crate::scene::Scene;
 use crate::scene::geometry::Geometry;
-use crate::session::Session;
 use crate::transfer::store::Store;
 use std::time::Instant;
-
-/// The isovalue of each volume, and how the first one's came about.
-pub(in crate::cli) fn resolve(session: &Session<'_>, named: &NamedIsovalue) -> Result<(Chosen, Vec<f64>)> {
-    let from = named.volume.as_ref().map_or(Ok(0), |name| session.member(name)).map_err(by_option)?;
-    let members = session.members();
-    let of = &members[from];
-    let only = match named.isovalue {
-        Isovalue::Auto => {
-            let held = of.store().holdings()?;
-            held.isovalues.first().copied().filter(|_| !held.all)
-        }
-        _ => None,
-    };
-    let chosen = match only {
-        Some(value) => Chosen { reason: Some("the store holds it".into()), ..Chosen::given(value, of.volume().solid) },
-        None => named.isovalue.resolve(of.volume(), Some(of.volume().solid), None)?,
-    };
-    let all = session.isovalues(from, chosen.value).map_err(by_option)?;
-    let reason = all.iter().zip(members).map(|(c, m)| format!("{} {}", m.name(), text::number(*c, 6)));
-    let reason = reason.collect::<Vec<_>>().join(", ");
-    Ok((
-        Chosen {
-            reason: Some(chosen.reason.map_or(reason.clone(), |r| format!("{r}; {reason}"))),
-            ..Chosen::given(all[0], members[0].volume().solid)
-        },
-        all,
-    ))
-}
 
 /// The store of a scene of several volumes, in the cache.
 pub(super) struct Baked {

@@ -6,11 +6,9 @@ mod lobes;
 mod report;
 mod work;
 
-pub(super) use joint::resolve;
-
 use super::console::Console;
 use super::input::VolumeArgs;
-use super::isovalue::{Chosen, Isovalue, NamedIsovalue, check_count};
+use super::isovalue::{Chosen, Isovalue, NamedIsovalue, check_count, parse_named};
 use super::light::{LightArgs, MaterialArgs};
 use super::options::TransferArgs;
 use super::picture::PictureArgs;
@@ -62,7 +60,8 @@ pub(in crate::cli) struct Relight {
         value_name = "[NAME=]C[,…]",
         value_delimiter = ',',
         required = true,
-        allow_hyphen_values = true
+        allow_hyphen_values = true,
+        value_parser = parse_named
     )]
     isovalue: Vec<NamedIsovalue>,
     /// Environment: an image file, courtyard, studio, sunset, or a sky: constant, gradient, overcast, sky, sun:AZ,EL
@@ -332,7 +331,7 @@ impl Relight {
         let up = self.volume.options().up_of(session.up())?;
         let session = session.with_up(up);
         let volume = session.members()[0].volume();
-        let resolved = self.isovalue.iter().map(|i| resolve(&session, i)).collect::<Result<Vec<_>, Error>>()?;
+        let resolved = self.isovalue.iter().map(|i| session.choose(i)).collect::<Result<Vec<_>, Error>>()?;
         let (chosen, isovalues): (Vec<Chosen>, Vec<Vec<f64>>) = resolved.into_iter().unzip();
         let work = Work::new(self, volume, &chosen, probes, start, console)?;
         work.light_in(&session, &isovalues, transport_rays, Vec::new())

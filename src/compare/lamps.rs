@@ -1,6 +1,6 @@
 //! Lamps of an environment that are lit apart, as relight does.
 
-use crate::compare::Apart;
+use super::Apart;
 use crate::probe::{Orientation, Probe, SunOptions, SunSplit, split_sun};
 use crate::render::SunLight;
 use crate::session::SUN_RAYS;

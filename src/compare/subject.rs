@@ -1,27 +1,28 @@
 //! What a store is compared with: the volumes of it, what stood around them, and the isovalues that belong together.
 
 use crate::bake::surroundings;
-use crate::cli::Outcome;
-use crate::cli::isovalue::NamedIsovalue;
-use crate::cli::relight::resolve;
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
-use crate::scene::Scene;
+use crate::memory;
 use crate::scene::geometry::Geometry;
+use crate::scene::{NamedIsovalue, Scene};
 use crate::session::Session;
 use crate::transfer::store::{EstimatorIdentity, Shadows, Store};
 use crate::transport::{PhotonScene, Settings, SpecularPhotons};
 use crate::volume::Volume;
 
 /// A volume of a store.
-pub(super) struct Subject {
+pub struct Subject {
     /// Its textures, one a group; that of the environment is the store of the volume.
-    pub(super) textures: Vec<Store>,
-    pub(super) volume: Volume,
-    pub(super) pyramid: Pyramid,
-    pub(super) geometry: Option<Geometry>,
+    pub textures: Vec<Store>,
+    /// The volume.
+    pub volume: Volume,
+    /// Its pyramid.
+    pub pyramid: Pyramid,
+    /// What stood around it.
+    pub geometry: Option<Geometry>,
     /// Its name, where there are several.
-    pub(super) name: Option<String>,
+    pub name: Option<String>,
 }
 
 impl Subject {
@@ -35,14 +36,14 @@ impl Subject {
     }
 
     /// How its texels were made, with another number of rays; `None` where they cannot be made again.
-    pub(super) fn baked_by(&self, rays: u32) -> Option<Settings> {
+    pub fn baked_by(&self, rays: u32) -> Option<Settings> {
         let identity = self.textures[0].identity();
         let is_same_path = match identity.estimator {
             EstimatorIdentity::Path { shadowing } => shadowing == Shadows::Found,
             EstimatorIdentity::ScenePath { .. } => true,
             _ => false,
         } && identity.can_be_made_again();
-        let layers = crate::transfer::BrickSource::layout(&self.textures[0]).layers.clone();
+        let layers = self.textures[0].layout().layers.clone();
         is_same_path.then_some(Settings {
             layers,
             rays,
@@ -53,7 +54,10 @@ impl Subject {
     }
 
     /// The textures of the vertices of an isosurface, one a group, where they have transfer of their own.
-    pub(super) fn at_vertices(&self, isovalue: f64) -> Result<Option<Vec<Store>>> {
+    ///
+    /// # Errors
+    /// When the store is damaged.
+    pub fn at_vertices(&self, isovalue: f64) -> Result<Option<Vec<Store>>> {
         let Some(surface) = self.textures[0].surface(isovalue)? else { return Ok(None) };
         let others = surface.identity().groups().split_off(1);
         let others = others.iter().map(|group| surface.group(group)).collect::<Result<Vec<_>>>()?;
@@ -61,39 +65,45 @@ impl Subject {
     }
 
     /// Whether light by way of mirrors and glass was baked.
-    pub(super) fn has_caustics(&self) -> bool {
+    pub fn has_caustics(&self) -> bool {
         !matches!(self.textures[0].identity().estimator, EstimatorIdentity::ScenePath { caustics: false, .. })
     }
 
     /// Photons of light that paths did not find, as they were sent out for its texture, or for the vertices of one isosurface.
-    pub(super) fn specular_photons(&self, isovalue: Option<f64>) -> Result<Option<SpecularPhotons>> {
+    ///
+    /// # Errors
+    /// As [`SpecularPhotons::new`].
+    pub fn specular_photons(&self, isovalue: Option<f64>) -> Result<Option<SpecularPhotons>> {
         let identity = self.textures[0].identity();
         let EstimatorIdentity::ScenePath { photons: Some(sent), .. } = identity.estimator else { return Ok(None) };
         let (volume, pyramid) = (&self.volume, &self.pyramid);
         let scene = PhotonScene { volume, pyramid, geometry: self.geometry.as_ref(), light: None };
-        let limit = crate::memory::default_limit();
+        let limit = memory::default_limit();
         SpecularPhotons::new(&scene, identity.bands.len(), isovalue, (sent, identity.seed), limit)
     }
 
     /// Whether other volumes stand beside it.
-    pub(super) fn is_among_others(&self) -> bool {
+    pub fn is_among_others(&self) -> bool {
         self.name.is_some()
     }
 }
 
 /// The volumes of a store and the isovalues of each, those that belong together at the same place. Isovalues without a
-/// name are those of `of`, else of the first.
-pub(super) fn subjects(
+/// name are those of `of`, else of the first; with `of` it is the only volume.
+///
+/// # Errors
+/// When no volume has such a name, no surface such an isovalue, or the store or the scene is not what the other needs.
+pub fn subjects(
     store: Store,
     scene: Option<&Scene>,
     of: Option<&str>,
     isovalues: &[NamedIsovalue],
-) -> Outcome<(Vec<Subject>, Vec<Vec<f64>>)> {
+) -> Result<(Vec<Subject>, Vec<Vec<f64>>)> {
     if store.identity().scene.as_ref().is_none_or(|scene| scene.coupling.is_none()) {
         let named = isovalues.iter().find_map(|i| i.volume.as_ref());
         if let Some(name) = of.or(named.map(String::as_str)) {
             let expected = "a store of several volumes";
-            return Err(Error::argument("--volume", name, expected, "leave the name out: it holds one alone").into());
+            return Err(Error::argument("--volume", name, expected, "leave the name out: it holds one alone"));
         }
         let volume = store.volume()?;
         let resolved = isovalues.iter().map(|i| Ok(i.isovalue.resolve(&volume, Some(volume.solid), None)?.value));
@@ -103,13 +113,16 @@ pub(super) fn subjects(
     }
     let session = Session::open(&store)?;
     let named = |i: &NamedIsovalue| NamedIsovalue { volume: i.volume.clone().or(of.map(str::to_owned)), ..i.clone() };
-    let resolved = isovalues.iter().map(|i| Ok(resolve(&session, &named(i))?.1)).collect::<Result<Vec<Vec<f64>>>>()?;
+    let resolved = isovalues.iter().map(|i| Ok(session.choose(&named(i))?.1)).collect::<Result<Vec<Vec<f64>>>>()?;
     let all = session.members().iter().map(|m| {
         let (volume, pyramid) = (m.volume().clone(), Pyramid::new(m.volume()));
         Subject::new(store.of_volume(m.name())?, volume, pyramid, scene)
     });
     let all = all.collect::<Result<Vec<_>>>()?;
     let of_member = |m: usize| resolved.iter().map(|row| row[m]).collect();
-    let isovalues = (0..all.len()).map(of_member).collect();
-    Ok((all, isovalues))
+    let mut isovalues: Vec<Vec<f64>> = (0..all.len()).map(of_member).collect();
+    let Some(name) = of else { return Ok((all, isovalues)) };
+    let mut all = all;
+    let place = all.iter().position(|s| s.name.as_deref() == Some(name)).unwrap_or(0);
+    Ok((vec![all.swap_remove(place)], vec![isovalues.swap_remove(place)]))
 }
