@@ -173,6 +173,24 @@ pub fn size_on_disk(path: &Path) -> u64 {
     entries.iter().map(|e| size_on_disk(&e.path())).sum()
 }
 
+/// Refuses a path whose directory is not there or does not take new files.
+///
+/// # Errors
+/// [`Error::Argument`] when there is no such directory, [`Error::Io`] when the system refuses.
+pub fn check_folder(path: &Path) -> Result<()> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        return Err(Error::argument(
+            "output",
+            path.display(),
+            format!("a directory {} to write in", folder.display()),
+            "make it first, or check the path",
+        ));
+    }
+    // The only sure test of permission is to write.
+    tempfile::Builder::new().prefix(".isolume-").tempfile_in(folder).map(drop).map_err(|e| Error::io(path, "write", e))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

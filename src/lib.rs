@@ -106,6 +106,7 @@
 //! | [`render`] | camera rays for previews, what pixels see | solvers |
 //! | [`export`] | GLB, PLY, PNG, VTI, NRRD, contact sheets, atomic files | volumes, SH, light |
 //! | [`session`] | a store, its surfaces, and light on them: meshes and pictures, step by step | the bake, the clock |
+//! | [`cache`] | stores of volumes that are lit without a bake of their own: their place, drafts before them, what leaves | how a store is lit |
 //! | [`mod@compare`] | the store against paths and photons on the same surface, the budget of its errors, pictures of the difference | the clock |
 //! | [`study`] | what accuracy costs: settings against one reference, the front, the figure; where samples of a texture should lie | the clock |
 //! | [`view`] | the live page and its data, as bytes; the server of the page, with the feature `cli` | solvers, and outside the server sockets |
@@ -167,6 +168,8 @@ pub mod render;
 #[doc(hidden)]
 pub mod export;
 pub mod session;
+#[doc(hidden)]
+pub mod cache;
 #[doc(hidden)]
 pub mod compare;
 #[doc(hidden)]

@@ -1,18 +1,11 @@
 //! A bake of a scene, set up call by call: the requests of its volumes from a few settings.
 
-use super::{Estimator, ForLight, Goal, Hints, Observer, Report, Request, Share, Writing, layout_of_scene, run};
+use super::{Estimator, ForLight, Observer, Quality, Report, Request, Share, Writing, run};
 use crate::error::{Error, Result};
-use crate::scene::{Effects, Member, Scene};
+use crate::scene::{Effects, Member, Scene, TextureSize};
 use crate::transfer::store::Store;
-use crate::transfer::{Lattice, Layers, Layout};
-use crate::transport::Settings;
 use crate::volume::Isovalue;
 use std::path::Path;
-
-/// Rays of a texel where nothing says how many of an estimator that has no goals, and the most where it stops at an error or a
-/// time.
-const RAYS: u32 = 64;
-const MOST_RAYS: u32 = 4096;
 
 /// A bake of all volumes of a scene: of all isovalues, 4 layers of 8, 5, 4 and 3 bands, as many texels as samples, as many rays as
 /// [`Goal::usual`] needs, unless told otherwise. Named isovalues are baked at the vertices of their isosurfaces. The same bake into the same store goes on where it stopped, and ends with the same bytes.
@@ -35,17 +28,9 @@ const MOST_RAYS: u32 = 4096;
 pub struct Bake<'a> {
     scene: &'a Scene,
     isovalues: Option<Vec<f64>>,
-    texture: Option<f64>,
-    layers: usize,
-    bands: Option<usize>,
-    rays: Option<u32>,
-    seed: u64,
-    positive: bool,
-    goal: Goal,
-    estimator: Estimator,
+    quality: Quality,
+    lights: Vec<ForLight>,
     share: Option<Share>,
-    memory_limit: Option<u64>,
-    effects: Effects,
     writing: Writing,
 }
 
@@ -55,17 +40,9 @@ impl<'a> Bake<'a> {
         Self {
             scene,
             isovalues: None,
-            texture: None,
-            layers: 4,
-            bands: None,
-            rays: None,
-            seed: 0,
-            positive: false,
-            goal: Goal::default(),
-            estimator: Estimator::default(),
+            quality: Quality { layers: Some(4), ..Quality::default() },
+            lights: Vec::new(),
             share: None,
-            memory_limit: None,
-            effects: Effects::default(),
             writing: Writing::default(),
         }
     }
@@ -78,57 +55,64 @@ impl<'a> Bake<'a> {
 
     /// A texture of so many texels for each sample along an axis, such as 0.5 or 2, for named isovalues, too: it serves those
     /// that are not named, exports of volumes, and the slider of the page. 1 where all isovalues are baked.
-    pub fn texture(self, ratio: f64) -> Self {
-        Self { texture: Some(ratio), ..self }
+    pub fn texture(mut self, ratio: f64) -> Self {
+        self.quality.texture = Some(TextureSize::Ratio(ratio));
+        self
     }
 
     /// Stored layers: 1 is direct light alone, n has n − 1 reflections and the tail beyond.
-    pub fn layers(self, layers: usize) -> Self {
-        Self { layers, ..self }
+    pub fn layers(mut self, layers: usize) -> Self {
+        self.quality.layers = Some(layers);
+        self
     }
 
-    /// So many spherical-harmonic bands in each layer. Otherwise as [`Layers::usual`], or 5 where transfer stays positive.
-    pub fn bands(self, bands: usize) -> Self {
-        Self { bands: Some(bands), ..self }
+    /// So many spherical-harmonic bands in each layer. Otherwise as [`Layers::usual`](crate::transfer::Layers::usual), or 5 where transfer stays positive.
+    pub fn bands(mut self, bands: usize) -> Self {
+        self.quality.bands = vec![bands];
+        self
     }
 
     /// Rays per texel, a power of two; with an error or a time the most that a texel gets.
-    pub fn rays(self, rays: u32) -> Self {
-        Self { rays: Some(rays), ..self }
+    pub fn rays(mut self, rays: u32) -> Self {
+        self.quality.rays = Some(rays);
+        self
     }
 
     /// Seed of all random numbers.
-    pub fn seed(self, seed: u64) -> Self {
-        Self { seed, ..self }
+    pub fn seed(mut self, seed: u64) -> Self {
+        self.quality.seed = seed;
+        self
     }
 
     /// Transfer that stays non-negative under non-negative light, at more noise.
-    pub fn positive(self, positive: bool) -> Self {
-        Self { positive, ..self }
+    pub fn positive(mut self, positive: bool) -> Self {
+        self.quality.positive = positive;
+        self
     }
 
     /// Stops at this root mean square over the texels of the standard error of the radiance, over its mean: under white light, or
     /// under [`Self::for_light`].
     pub fn error(mut self, error: f32) -> Self {
-        self.goal.error = Some(error);
+        self.quality.error = Some(error);
         self
     }
 
     /// Chooses the standard error such that the bake takes about this long by the observer's clock.
     pub fn seconds(mut self, seconds: f64) -> Self {
-        self.goal.seconds = Some(seconds);
+        self.quality.seconds = Some(seconds);
         self
     }
 
     /// Measures errors by the radiance under this environment; under each, where there are several.
     pub fn for_light(mut self, light: ForLight) -> Self {
-        self.goal.lights.push(light);
+        self.lights.push(light);
         self
     }
 
     /// The estimator of the transfer.
-    pub fn estimator(self, estimator: Estimator) -> Self {
-        Self { estimator, ..self }
+    pub fn estimator(mut self, estimator: Estimator) -> Self {
+        self.quality.estimator = estimator;
+        self
     }
 
     /// Only share `index` (from 1) of `of` shares of the work ([`Share`]): several processes may fill one store so, or each its own for
@@ -145,13 +129,15 @@ impl<'a> Bake<'a> {
     }
 
     /// Refuses to use more bytes of memory.
-    pub fn memory_limit(self, bytes: u64) -> Self {
-        Self { memory_limit: Some(bytes), ..self }
+    pub fn memory_limit(mut self, bytes: u64) -> Self {
+        self.quality.memory_limit = Some(bytes);
+        self
     }
 
     /// Effects switched on or off by hand.
-    pub fn effects(self, effects: Effects) -> Self {
-        Self { effects, ..self }
+    pub fn effects(mut self, effects: Effects) -> Self {
+        self.quality.effects = effects;
+        self
     }
 
     /// How the store is written and what of it is verified.
@@ -173,38 +159,8 @@ impl<'a> Bake<'a> {
             Some(list) => Some(list.iter().map(choose).collect::<Result<Vec<f64>>>()?),
             None => None,
         };
-        let lattice = Lattice::from_ratio(member.volume.dims(), self.texture.unwrap_or(1.0))?;
-        let layers = match self.bands.or(self.positive.then_some(5)) {
-            Some(bands) => Layers::uniform(self.layers, bands)?,
-            None => Layers::usual(self.layers)?,
-        };
-        let plain = Layout { lattice, layers };
-        let layout = layout_of_scene(plain, member.geometry.as_ref());
-        let goal = match (self.goal.error, self.goal.seconds, self.rays) {
-            (None, None, None) if self.estimator == Estimator::Path => Goal::usual(self.goal.lights.clone()),
-            _ => self.goal.clone(),
-        };
-        let stops = goal.error.is_some() || goal.seconds.is_some();
-        let settings = Settings {
-            layers: layout.layers.clone(),
-            rays: self.rays.unwrap_or(if stops { MOST_RAYS } else { RAYS }),
-            seed: self.seed,
-            target: None,
-            positive: self.positive,
-        };
-        let surfaces = isovalues.is_some() && self.texture.is_none() && self.estimator == Estimator::Path;
-        Ok(Request {
-            isovalues,
-            surfaces,
-            goal,
-            estimator: self.estimator,
-            share: self.share,
-            memory_limit: self.memory_limit,
-            hints: Hints::default(),
-            writing: self.writing,
-            geometry: member.geometry.as_ref(),
-            ..Request::new(&member.volume, &member.label, layout, settings, &self.effects)
-        })
+        let request = self.quality.request(member, isovalues, self.lights.clone())?;
+        Ok(Request { share: self.share, writing: self.writing, ..request })
     }
 
     /// Bakes what is missing or damaged into the store at `path`, which is made if there is none: the store of the first volume,

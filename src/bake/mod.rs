@@ -12,6 +12,7 @@ mod goal;
 mod memory;
 mod observer;
 mod pending;
+mod quality;
 mod repair;
 mod report;
 mod request;
@@ -25,6 +26,8 @@ pub use goal::{ForLight, Goal};
 #[doc(hidden)]
 pub use memory::{bytes_of_bake, bytes_of_texel};
 pub use observer::{Observer, Silent, Task};
+#[doc(hidden)]
+pub use quality::{Quality, lattice_of};
 pub use report::{GoalRecord, PhotonReport, Report};
 pub use request::{Estimator, Hints, Request, Share, Writing};
 pub use run::run;

@@ -7,6 +7,7 @@ use super::scene::bytes_of_scene_texel;
 use super::{Goal, scene};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
+use crate::memory;
 use crate::scene as scenes;
 use crate::scene::geometry::Geometry;
 use crate::scene::{Effects, SunSplit};
@@ -334,6 +335,14 @@ impl<'a> Request<'a> {
         let partners: u64 = partners.map(|p| p.volume.samples().bytes().len() as u64 / 4 * 5).sum();
         // 16 chunks of 32³ texels are held.
         needed + partners + groups * (16 << 15)
+    }
+
+    /// Refuses to need more memory than is allowed: by [`Self::memory_limit`], else by the system.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] with what sets the bound.
+    pub fn check_memory(&self) -> Result<()> {
+        memory::check(&format!("the bake of {}", self.label), self.bytes_needed(), self.memory_limit)
     }
 
     /// Refuses what cannot be done, before any work.

@@ -1,25 +1,23 @@
 //! `isolume bake`: fills a transfer store.
 
 use super::bake_report::Told;
-use super::baking::{self, fill};
+use super::baking::fill;
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::tell;
-use super::light::for_light;
-use super::options::{BakeArgs, EstimatorArg, Texture, TransferArgs, add_media, parse_share, parse_time};
+use super::options::{BakeArgs, EstimatorArg, parse_share, parse_time};
 use super::{Failure, Outcome, forecast, pack, replay, text};
-use crate::bake::{ForLight, Share, Writing, layout_of_scene};
+use crate::bake::{ForLight, Hints, Quality, Share, Writing};
+use crate::cache::for_light;
 use crate::error::Error;
-use crate::export::target::check_folder;
 use crate::file::size_on_disk;
 use crate::probe::Orientation;
 use crate::relight::Material;
-use crate::scene::geometry::{Geometry, Luminaire, LuminaireShape};
-use crate::scene::{Scene, SceneFile, distant_light, environment, open_probe};
+use crate::scene::{Scene, SceneFile, TextureSize, environment, open_probe};
 use crate::study::forecast::{self as forecasts, best_within};
 use crate::study::model::ENOUGH;
-use crate::transfer::Layout;
-use crate::transfer::store::{PackError, Replacement, Store};
+use crate::transfer::Layers;
+use crate::transfer::store::{PackError, Replacement, kind};
 use crate::volume::Volume;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -115,19 +113,19 @@ impl Bake {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
         let start = Instant::now();
         if let (Some(path), None) = (&self.output, self.replay_texel) {
-            check_output(path)?;
+            kind::check_output(path)?;
         }
         let mut scene = self.open()?;
         let members = scene.members().len();
-        let mut transfer = self.bake.transfer.clone();
+        let mut quality = self.quality(seed);
         if let (Some(time), None, false) = (self.auto, self.replay_texel, self.bakes_surfaces())
             && let Some((texture, rays)) = self.choose_texture(&mut scene, time, start, seed, console)?
         {
-            (transfer.texture, transfer.rays) = (Some(texture), Some(rays));
+            (quality.texture, quality.rays) = (Some(texture), Some(rays));
         }
         let replacement = match &self.output {
             Some(path) if self.force && self.replay_texel.is_none() && path.symlink_metadata().is_ok() => {
-                check_store(path)?;
+                kind::check_replaceable(path)?;
                 Some(Replacement::begin(path)?)
             }
             _ => None,
@@ -135,7 +133,7 @@ impl Bake {
         let target = replacement.as_ref().map(Replacement::path).or_else(|| self.output.clone());
         let mut reports = Vec::new();
         for member in 0..members {
-            match self.run_member(&mut scene, member, &transfer, target.as_deref(), seed, start, console) {
+            match self.run_member(&mut scene, member, &quality, target.as_deref(), start, console) {
                 Ok(report) => reports.extend(report),
                 Err(failure) if replacement.is_some() => {
                     let text = format!("{failure}\nthe old store is as it was: --force replaces it by a complete one");
@@ -165,7 +163,7 @@ impl Bake {
     /// Whether it is surfaces that are baked.
     fn bakes_surfaces(&self) -> bool {
         let is_path = self.bake.estimator == EstimatorArg::Path;
-        !self.bake.isovalues.is_empty() && self.bake.transfer.bakes_surfaces() && is_path
+        !self.bake.isovalues.is_empty() && self.bake.transfer.texture.is_none() && is_path
     }
 
     /// The time that vertices or texels stop by; there is no texture to choose for surfaces.
@@ -175,15 +173,12 @@ impl Bake {
 
     /// Opens what is to be baked.
     fn open(&self) -> Outcome<Scene> {
-        let transfer = &self.bake.transfer;
-        let options = self.volume.options_with(transfer.shadowing());
-        let mut scene = match &self.scene {
-            Some(file) => file.open(&options, &transfer.effects())?,
-            None => Scene::open_with(&self.input, &options, &transfer.effects())?,
-        };
-        scene = add_media(scene, transfer)?;
+        let mut scene = self.bake.transfer.open(&self.input, self.scene.as_ref(), &self.volume)?;
         match &self.fixed_env {
-            Some(name) => fix(&mut scene, name, (self.env_rotate, self.env_frame))?,
+            Some(name) => {
+                let probe = open_probe(name, false, None)?;
+                scene.fix_environment(&probe, self.env_rotate, self.env_frame.into())?;
+            }
             None if self.env_rotate != 0.0 && self.for_env.is_none() => {
                 let expected = "an environment to turn";
                 return Err(
@@ -195,9 +190,14 @@ impl Bake {
         Ok(scene)
     }
 
-    /// Bands of the layers as given; one where the environment is fixed and nobody says more.
-    fn bands(&self) -> &[u8] {
-        if self.fixed_env.is_some() && self.bake.bands.is_empty() { &[1] } else { &self.bake.bands }
+    /// How well transfer is baked; of one band where the environment is fixed and nobody says more.
+    fn quality(&self, seed: u64) -> Quality {
+        let mut quality = self.bake.quality(seed);
+        if self.fixed_env.is_some() && quality.bands.is_empty() {
+            quality.bands = vec![1];
+        }
+        quality.seconds = self.time().map(|t| t.as_secs_f64());
+        quality
     }
 
     /// Bakes one volume of a scene; what is to be told of it, if it was baked.
@@ -205,9 +205,8 @@ impl Bake {
         &self,
         scene: &mut Scene,
         member: usize,
-        transfer: &TransferArgs,
+        quality: &Quality,
         target: Option<&Path>,
-        seed: u64,
         start: Instant,
         console: &Console,
     ) -> Outcome<Option<Value>> {
@@ -215,33 +214,26 @@ impl Bake {
         let scene = self.scene.as_ref();
         let is_empty = self.is_empty(&opened.volume)?;
         // Before anything else: they decide the side that is matter.
-        let chosen = if is_empty { None } else { self.bake.isovalues(opened, scene)? };
+        let chosen = if is_empty { None } else { opened.settle_in(&self.bake.isovalues, scene)? };
         let volume = &*opened.volume;
-        for note in &volume.notes {
-            console.note(&note.text);
-        }
-        let geometry = opened.geometry.as_ref();
-        let layout = layout_of_scene(transfer.layout(volume, self.bands())?, geometry);
-        let seconds = self.time().map(|t| t.as_secs_f64());
-        let lights = self.light(volume, &layout)?.into_iter().collect();
-        let has_goals = self.bake.estimator == EstimatorArg::Path;
-        let settings = transfer.settings(&layout, seed, (lights, seconds), has_goals);
+        volume.notes.iter().for_each(|note| console.note(&note.text));
+        let layers = quality.layout(volume, opened.geometry.as_ref())?.layers;
+        let lights: Vec<ForLight> = self.light(volume, &layers)?.into_iter().collect();
         if let Some(texel) = self.replay_texel {
-            let effects = self.bake.transfer.effects();
-            let job = baking::request(opened, scene, &self.bake, None, layout, settings, &effects);
-            return replay::run(&job, texel, console).map(|()| None);
+            return replay::run(&quality.request(opened, None, lights)?, texel, console).map(|()| None);
         }
         if is_empty {
             console.note("every sample is the same: no surface, the store is empty");
         }
         tell(console, chosen.as_deref().unwrap_or_default());
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
-        let effects = self.bake.transfer.effects();
-        let mut job = baking::request(opened, scene, &self.bake, isovalues, layout, settings, &effects);
+        let mut job = quality.request(opened, isovalues, lights)?;
+        job.hints = Hints::of_scene(scene, volume.value_range(), job.isovalues.as_deref());
         job.hints.shown = console.is_verbose();
         job.share = self.chunks;
         job.writing = Writing { sync: !self.no_sync, repair: self.repair, ..Writing::default() };
-        baking::check(&job)?;
+        job.check_memory()?;
+        job.check()?;
         let (Some(path), Some(target)) = (&self.output, target) else {
             return Err(Failure::Message("the output is missing: give -o X.isolume".into()));
         };
@@ -257,47 +249,19 @@ impl Bake {
     }
 }
 
-/// Makes an environment the luminaire of a volume alone.
-///
-/// # Errors
-/// When the environment cannot be opened, or something stands around the volume.
-pub(super) fn fix(scene: &mut Scene, name: &str, (turned, frame): (f64, super::light::FrameName)) -> Outcome {
-    let [member] = scene.members_mut() else {
-        let remedy = "write it into the scene: [[luminaires]] with shape = \"environment\" and image";
-        return Err(Error::argument("--fixed-env", "several volumes", "one volume alone", remedy).into());
-    };
-    let media = member.geometry.as_ref().map_or(Vec::new(), |geometry| geometry.media().to_vec());
-    let is_bare = |g: &Geometry| g.parts() == 0 && g.luminaires().is_empty();
-    if !member.geometry.as_ref().is_none_or(is_bare) {
-        let remedy = "write it into the scene: [[luminaires]] with shape = \"environment\" and image";
-        return Err(Error::argument("--fixed-env", "walls or luminaires", "a volume alone", remedy).into());
-    }
-    let orientation = Orientation::new(member.volume.up, turned)?.in_frame(frame.into());
-    let light = distant_light(&open_probe(name, false, None)?, orientation);
-    let shape = LuminaireShape::Environment(light);
-    let luminaire = Luminaire { name: "environment".into(), shape, power: [1.0; 3] };
-    member.geometry = Some(Geometry::new(Vec::new(), vec![luminaire], 1.0)?.with_media(media)?);
-    Ok(())
-}
-
 impl Bake {
     /// Bytes that it needs at most, of the volume that needs the most.
     ///
     /// # Errors
     /// When the volume or scene cannot be opened, or what is asked of it makes no sense.
     pub(super) fn bytes_needed(&self, seed: u64) -> Outcome<u64> {
-        let mut scene = self.open()?;
+        let (mut scene, quality) = (self.open()?, self.quality(seed));
         let mut most = 0;
-        for member in 0..scene.members().len() {
-            let opened = &mut scene.members_mut()[member];
-            let file = self.scene.as_ref();
-            let chosen = if self.is_empty(&opened.volume)? { None } else { self.bake.isovalues(opened, file)? };
+        for opened in scene.members_mut() {
+            let is_empty = self.is_empty(&opened.volume)?;
+            let chosen = if is_empty { None } else { opened.settle_in(&self.bake.isovalues, self.scene.as_ref())? };
             let isovalues = chosen.map(|list| list.iter().map(|c| c.value).collect());
-            let (transfer, geometry) = (&self.bake.transfer, opened.geometry.as_ref());
-            let layout = layout_of_scene(transfer.layout(&opened.volume, self.bands())?, geometry);
-            let settings = transfer.settings(&layout, seed, (Vec::new(), None), true);
-            let effects = transfer.effects();
-            let job = baking::request(opened, file, &self.bake, isovalues, layout, settings, &effects);
+            let job = quality.request(opened, isovalues, Vec::new())?;
             job.check()?;
             most = most.max(job.bytes_needed());
         }
@@ -328,32 +292,35 @@ impl Bake {
         start: Instant,
         seed: u64,
         console: &Console,
-    ) -> Outcome<Option<(Texture, u32)>> {
+    ) -> Outcome<Option<(TextureSize, u32)>> {
         forecasts::check("--auto", self.bake.estimator.into())?;
-        let (file, transfer) = (self.scene.as_ref(), &self.bake.transfer);
+        let (file, effects) = (self.scene.as_ref(), self.bake.transfer.effects());
         let mut isovalues = Vec::new();
         for member in scene.members_mut() {
             if self.is_empty(&member.volume)? {
                 return Ok(None);
             }
-            let chosen = self.bake.isovalues(member, file)?;
+            let chosen = member.settle_in(&self.bake.isovalues, file)?;
             isovalues.push(chosen.map(|list| list.iter().map(|c| c.value).collect::<Vec<f64>>()));
         }
         let Some(first) = scene.members().first() else { return Ok(None) };
         let (probe, turned) = environment(self.for_env.as_deref(), file)?;
         let turned = if self.for_env.is_some() { self.env_rotate } else { turned };
         let orientation = Orientation::new(first.volume.up, turned)?.in_frame(self.env_frame.into());
-        let layout = layout_of_scene(transfer.layout(&first.volume, self.bands())?, first.geometry.as_ref());
-        let (isovalue, all) = forecast::weigh(&forecast::Asked {
-            members: scene.members(),
-            isovalues: &isovalues,
-            layers: &layout.layers,
-            probe: &probe,
-            orientation,
-            albedo: self.albedo,
-            caustics: transfer.effects().switched("caustics") != Some(false),
-            seed,
-        })?;
+        let layout = self.quality(seed).layout(&first.volume, first.geometry.as_ref())?;
+        let (isovalue, all) = forecasts::weigh(
+            &forecasts::Asked {
+                members: scene.members(),
+                isovalues: &isovalues,
+                layers: &layout.layers,
+                probe: &probe,
+                orientation,
+                albedo: self.albedo,
+                caustics: effects.switched("caustics") != Some(false),
+                seed,
+            },
+            &forecast::clock(),
+        )?;
         let threads = rayon::current_num_threads() as f64;
         let left = (RESERVED * time.as_secs_f64() - start.elapsed().as_secs_f64()).max(0.0);
         let Some((weighed, found)) = best_within(&all, left * threads) else {
@@ -375,11 +342,11 @@ impl Bake {
             text::number(isovalue, 6),
             probe.name
         ));
-        Ok(Some((Texture::Ratio(weighed.ratio), found.rays)))
+        Ok(Some((TextureSize::Ratio(weighed.ratio), found.rays)))
     }
 
     /// The environment that errors are measured by.
-    fn light(&self, volume: &Volume, layout: &Layout) -> Outcome<Option<ForLight>> {
+    fn light(&self, volume: &Volume, layers: &Layers) -> Outcome<Option<ForLight>> {
         let Some(name) = &self.for_env else { return Ok(None) };
         if self.auto.is_some() && !self.bakes_surfaces() {
             return Ok(None);
@@ -395,51 +362,10 @@ impl Bake {
         }
         Material::new([self.albedo; 3], [0.0; 3])?;
         let probe = open_probe(name, false, None)?;
-        let bands = layout.layers.max_bands();
+        let bands = layers.max_bands();
         Ok(Some(for_light(&probe, (volume.up, self.env_rotate, self.env_frame.into()), bands, self.albedo)?))
-    }
-}
-
-/// Whether a directory has the folders of a store, whatever its metadata says.
-fn looks_like_a_store(path: &Path) -> bool {
-    path.join("volumes").is_dir() && path.join("transfer").is_dir()
-}
-
-/// Refuses to replace what is no store of ours; a damaged one may be replaced.
-fn check_store(path: &Path) -> Outcome {
-    match Store::open(path) {
-        Err(_) if looks_like_a_store(path) => Ok(()),
-        result => Ok(result.map(drop)?),
     }
 }
 
 /// Part of the time of `--auto` that the bake itself may take; the rest is for writing.
 const RESERVED: f64 = 0.9;
-
-/// Refuses an output that cannot become a store, before any work.
-fn check_output(path: &Path) -> Outcome {
-    const OTHERS: [&str; 10] = ["glb", "gltf", "ply", "stl", "png", "vti", "nrrd", "raw", "html", "toml"];
-    if let Some(ending) = path.extension().filter(|e| OTHERS.iter().any(|other| e.eq_ignore_ascii_case(other))) {
-        let store = path.with_extension("isolume");
-        let found = format!("{}, named as a .{} is", path.display(), ending.display());
-        let expected = "a name for a transfer store, which is a directory";
-        let remedy = format!(
-            "bake with -o {0}; relight, export and view make files of it: isolume relight {0} …",
-            store.display()
-        );
-        return Err(Error::argument("output", found, expected, remedy).into());
-    }
-    if path.symlink_metadata().is_err() {
-        return Ok(check_folder(path)?);
-    }
-    if path.is_dir() && !path.join("zarr.json").exists() && !looks_like_a_store(path) {
-        return Err(Error::argument(
-            "output",
-            path.display(),
-            "a path where nothing is yet, or a transfer store",
-            "this is a directory of something else; give a name such as brain.isolume in it",
-        )
-        .into());
-    }
-    Ok(())
-}

@@ -3,19 +3,16 @@
 mod photon;
 mod picture;
 
-use super::bake::fix;
 use super::console::Console;
-use super::info::check_store;
 use super::isovalue::{NamedIsovalue, parse_named};
 use super::light::{parse_factor, parse_triple};
-use super::options::add_fog;
 use super::{Outcome, text};
 use crate::compare::{Asked, Compared, Figure, Subject, subjects};
 use crate::export::inputs::Inputs;
 use crate::probe::SunSplit;
-use crate::scene::{Effects, Scene, SceneFile, VolumeOptions, open_probe};
+use crate::scene::{Effects, Fog, Scene, SceneFile, VolumeOptions, open_probe};
 use crate::session::{LuminaireFactor, check_factors};
-use crate::transfer::store::Store;
+use crate::transfer::store::{Store, check_store};
 use serde_json::json;
 use std::time::{Duration, Instant};
 
@@ -79,7 +76,7 @@ pub(super) struct Compare {
     fixed_env: Option<String>,
     /// The fog that the store was baked with (bake --fog)
     #[arg(long, value_name = "SIGMA[,ALBEDO[,G]]", value_parser = super::options::parse_fog, conflicts_with = "scene")]
-    fog: Option<super::options::Fog>,
+    fog: Option<Fog>,
     /// Factor on the power of a luminaire, one number or three for red, green and blue, such as ceiling=2
     #[arg(long = "luminaire", value_name = "NAME=FACTOR", value_parser = parse_factor)]
     luminaires: Vec<LuminaireFactor>,
@@ -128,11 +125,11 @@ impl Compare {
         let store = Store::open(&self.input)?;
         let mut scene = file.map(|f| f.open(&VolumeOptions::default(), &Effects::default())).transpose()?;
         if let Some(name) = &self.fixed_env {
-            let mut alone = add_fog(Scene::of(store.volume()?), self.fog, &Effects::default())?;
-            fix(&mut alone, name, (self.env_rotate, self.env_frame))?;
+            let mut alone = Scene::of(store.volume()?).with_added(self.fog, None, &Effects::default())?;
+            alone.fix_environment(&open_probe(name, false, None)?, self.env_rotate, self.env_frame.into())?;
             scene = Some(alone);
         } else if self.fog.is_some() {
-            scene = Some(add_fog(Scene::of(store.volume()?), self.fog, &Effects::default())?);
+            scene = Some(Scene::of(store.volume()?).with_added(self.fog, None, &Effects::default())?);
         }
         let names = store.identity().scene.as_ref().map_or(&[][..], |scene| &scene.luminaires);
         check_factors(names, &self.luminaires)?;

@@ -3,7 +3,7 @@
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::Isovalue;
-use super::{Failure, Outcome, info, input, text};
+use super::{Failure, Outcome, input, text};
 use crate::error::{Error, Result};
 use crate::finding::Finding;
 use crate::probe::{self, Layout, ReadOptions};
@@ -165,10 +165,10 @@ fn store_at(argument: &str) -> Result<Diagnosis> {
         "a store of {x} × {y} × {z} texels, {} layers with {:?} bands, isovalues {}, {} of {} chunks sound, {}, {}",
         identity.bands.len(),
         identity.bands,
-        info::isovalues_text(&found.held),
+        found.held.isovalues_text(),
         found.sound,
         found.chunks,
-        info::quality_text(&found.held),
+        found.held.quality_text(),
         text::bytes(bytes as f64)
     );
     let held = &found.held;
@@ -198,7 +198,7 @@ fn kind_of(argument: &str) -> Result<Kind> {
     }
     let path = Path::new(argument);
     let Ok(metadata) = path.metadata() else { return Ok(Kind::Volume) }; // It says what is missing.
-    if info::is_store(argument) {
+    if store::is_store(argument) {
         return Ok(Kind::Store);
     }
     if !metadata.is_file() {

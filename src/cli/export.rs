@@ -1,7 +1,6 @@
 //! `isolume export`: the relit texture as a volume for other programs.
 
 use super::console::Console;
-use super::info::{check_store, check_texture};
 use super::light::{LightArgs, MaterialArgs, by_option, sentence};
 use super::{Outcome, text};
 use crate::error::Error;
@@ -14,7 +13,7 @@ use crate::relight::Material;
 use crate::scene::{MaterialRule, open_probe};
 use crate::session::{Lighting, RelitField};
 use crate::transfer::store::Completeness;
-use crate::transfer::store::Store;
+use crate::transfer::store::{Store, check_store};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -62,7 +61,7 @@ impl Export {
         };
         let volume = store.volume()?;
         Completeness::of(&store, &volume)?.check(&store, self.partial)?;
-        check_texture(&store, &store.holdings()?, "an export of the volume")?;
+        store.check_texture(&store.holdings()?, "an export of the volume")?;
         if let (None, [first, .., _]) = (&self.volume, store.volumes()?.as_slice()) {
             console.note(format!("{first}, the first volume of the store: --volume NAME takes another"));
         }

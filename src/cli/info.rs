@@ -10,11 +10,11 @@ use crate::error::{Error, Result};
 use crate::file;
 use crate::geom::Affine;
 use crate::transfer::store::Completeness;
-use crate::transfer::store::{Holdings, Store};
+use crate::transfer::store::{Store, is_store};
 use crate::transfer::texels_of_isosurface;
 use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, Selection};
 use crate::volume::isovalue::overview;
-use crate::volume::{LengthUnit, Series, Solid, Volume, field};
+use crate::volume::{LengthUnit, Series, Solid, Volume};
 use serde_json::json;
 use std::path::Path;
 use std::time::Duration;
@@ -255,87 +255,6 @@ impl Estimate {
     }
 }
 
-/// Whether an argument names a store rather than a volume.
-pub(super) fn is_store(argument: &str) -> bool {
-    let path = Path::new(argument);
-    (path.is_dir() && (argument.trim_end_matches('/').ends_with(".isolume") || !holds_volume(path)))
-        || (path.is_file() && argument.ends_with(".isolume"))
-        || argument.ends_with(".isolume.zip")
-}
-
-/// Whether a directory is no store but may be a volume: a folder with files, or a Zarr hierarchy of another program.
-fn holds_volume(folder: &Path) -> bool {
-    let is_entry = |entry: std::io::Result<std::fs::DirEntry>| entry.is_ok();
-    match file::read(folder.join("zarr.json"), MOST_METADATA) {
-        Ok(root) => {
-            let text = String::from_utf8_lossy(&root);
-            text.contains("\"zarr_format\"") && !text.contains("isolume")
-        }
-        Err(_) if folder.join("zarr.json").exists() => false,
-        // Of a study the series may lie in folders of their own; those of a store whose root is gone have their names.
-        Err(_) if ["volumes", "transfer"].iter().all(|name| folder.join(name).is_dir()) => false,
-        Err(_) => std::fs::read_dir(folder).is_ok_and(|mut entries| entries.any(is_entry)),
-    }
-}
-
-/// Longest root of a hierarchy that is looked into.
-const MOST_METADATA: u64 = 1 << 24;
-
-/// Refuses what is no store.
-pub(super) fn check_store(argument: &str) -> Result<()> {
-    if is_store(argument) {
-        return Ok(());
-    }
-    if !Path::new(argument).exists() && field::by_name(argument).is_ok_and(|found| found.is_none()) {
-        return Err(crate::scene::missing_store(argument));
-    }
-    let remedy = format!("bake the volume first: isolume bake {argument} -o NAME.isolume");
-    let expected = "a transfer store; `isolume bake` makes one, `isolume relight` keeps one in its cache";
-    Err(Error::argument("input", argument, expected, remedy))
-}
-
-/// Refuses, for what needs a texture, a store that has transfer at the vertices of surfaces alone.
-pub(super) fn check_texture(store: &Store, held: &Holdings, what: &str) -> Result<()> {
-    if held.all || !held.in_texture.is_empty() || held.surfaces.is_empty() {
-        return Ok(());
-    }
-    let list = held.surfaces.iter().map(|c| text::number(*c, 8)).collect::<Vec<_>>().join(", ");
-    let found = format!("{}, with transfer at the vertices of isovalue {list} alone", store.path().display());
-    let input = store.provenance()["input"].as_str().unwrap_or("VOLUME");
-    let remedy = format!(
-        "bake a texture into it: isolume bake {input} --texture 1 -o {} (with the options of the first bake)",
-        store.path().display()
-    );
-    Err(Error::argument("store", found, format!("a store with a texture, which {what} needs"), remedy))
-}
-
-/// The isovalues of a store as text.
-pub(super) fn isovalues_text(held: &Holdings) -> String {
-    let list = held.isovalues.iter().map(|c| text::number(*c, 8)).collect::<Vec<_>>().join(", ");
-    match (held.all, list.is_empty()) {
-        (true, true) => "all".into(),
-        (true, false) => format!("all, and more of {list}"),
-        (false, true) => "none".into(),
-        (false, false) if held.surfaces.len() == held.isovalues.len() => {
-            format!("{list}, at the vertices of their surfaces")
-        }
-        (false, false) => list,
-    }
-}
-
-/// How well the texels of a store are baked.
-pub(super) fn quality_text(held: &Holdings) -> String {
-    let [least, most] = held.rays;
-    let rays = if least == most { most.to_string() } else { format!("{least} to {most}") };
-    let mut parts =
-        vec![format!("{rays} rays a {}", if held.in_texture.is_empty() && !held.all { "vertex" } else { "texel" })];
-    for (of, [low, high]) in &held.targets {
-        let errors = if low == high { format!("{low}") } else { format!("{low} to {high}") };
-        parts.push(format!("or a standard error of {errors} ({of})"));
-    }
-    parts.join(", ")
-}
-
 fn store(argument: &str, console: &Console) -> Outcome {
     let store = Store::open(argument)?;
     let held = store.holdings()?;
@@ -361,7 +280,7 @@ fn store(argument: &str, console: &Console) -> Outcome {
             format!("{held}; {} lit with {}: {}", coupling.name, others.join(", "), coupling.coupling),
         ));
     }
-    rows.push(row("isovalues", isovalues_text(&held)));
+    rows.push(row("isovalues", held.isovalues_text()));
     for &isovalue in &held.surfaces {
         let Some(surface) = store.surface(isovalue)? else { continue };
         let vertices = surface.layout().lattice.texels()[0];
@@ -379,7 +298,7 @@ fn store(argument: &str, console: &Console) -> Outcome {
         false => format!("{} of {} chunks that were asked for: incomplete", complete.there, complete.needed),
     };
     rows.push(row("baked", format!("{state}, {}", text::bytes(bytes as f64))));
-    rows.push(row("quality", quality_text(&held)));
+    rows.push(row("quality", held.quality_text()));
     rows.extend(super::pack::about(&store)?.iter().map(|(name, text)| row(name, text.clone())));
     console.print(text::table(&rows));
     let isovalues = if held.all { json!("all") } else { json!(held.isovalues) };

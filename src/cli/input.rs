@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::geom::Up;
 use crate::scene::{Front, Member, VolumeOptions};
-use crate::volume::{Channel, Choice, Level, Region, Shadowing, Solid, Spacing};
+use crate::volume::{Channel, Choice, Level, Region, Solid, Spacing};
 use clap::ValueEnum;
 use std::path::Path;
 
@@ -102,11 +102,6 @@ impl VolumeArgs {
         };
         let solid = self.solid.map(Solid::from);
         VolumeOptions { solid, up: self.up, front, choice, keep_largest: self.keep_largest, ..VolumeOptions::default() }
-    }
-
-    /// The same with what the options of a bake say of shadows.
-    pub(super) fn options_with(&self, shadowing: Shadowing) -> VolumeOptions {
-        VolumeOptions { shadowing, ..self.options() }
     }
 }
 

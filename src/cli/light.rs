@@ -1,10 +1,8 @@
 //! Environments, materials and exposure as options.
 
 use super::{Outcome, text};
-use crate::bake::ForLight;
-use crate::error::{Error, Result};
-use crate::geom::Up;
-use crate::probe::{EnvFrame, Layout, Orientation, Probe, SunSplit};
+use crate::error::Error;
+use crate::probe::{EnvFrame, Layout, SunSplit};
 use crate::relight::{Exposure, Material};
 use crate::scene::{Colormap, MaterialRule};
 use crate::session::{LightNote, LightOptions, LuminaireFactor};
@@ -82,29 +80,12 @@ impl From<FrameName> for EnvFrame {
     }
 }
 
-pub(super) fn parse_split(text: &str) -> std::result::Result<SunSplit, String> {
+pub(super) fn parse_split(text: &str) -> Result<SunSplit, String> {
     text.parse().map_err(|e: Error| e.to_string())
 }
 
-pub(super) fn parse_layout(name: &str) -> std::result::Result<Layout, String> {
+pub(super) fn parse_layout(name: &str) -> Result<Layout, String> {
     name.parse().map_err(|e: Error| e.to_string())
-}
-
-/// An environment that errors are measured by, on a surface of one albedo, as it stands around what has an axis up, turned by
-/// so many degrees.
-pub(crate) fn for_light(
-    probe: &Probe,
-    (up, rotation, frame): (Up, f64, EnvFrame),
-    bands: usize,
-    albedo: f32,
-) -> Result<ForLight> {
-    let light = probe.coefficients_in_world(bands, Orientation::new(up, rotation)?.in_frame(frame));
-    // In the OpenEXR frame it has the bare name, as in stores from before there was another.
-    let name_in_store = match frame {
-        EnvFrame::OpenExr => probe.name.clone(),
-        EnvFrame::Gltf => format!("{} in the frame of glTF", probe.name),
-    };
-    Ok(ForLight { name: probe.name.clone(), name_in_store, light, direct: None, albedo })
 }
 
 impl LightArgs {
@@ -168,7 +149,7 @@ pub(super) fn by_option(error: Error) -> Error {
 }
 
 /// Reads NAME=FACTOR or NAME=R,G,B.
-pub(super) fn parse_factor(argument: &str) -> std::result::Result<LuminaireFactor, String> {
+pub(super) fn parse_factor(argument: &str) -> Result<LuminaireFactor, String> {
     let expected = "give the name of a luminaire and a factor, such as ceiling=2 or ceiling=1,0.8,0.6";
     let (name, numbers) = argument.split_once('=').ok_or(expected)?;
     let numbers: Option<Vec<f64>> = numbers.split(',').map(|n| n.trim().parse().ok()).collect();
@@ -207,7 +188,7 @@ pub(crate) struct MaterialArgs {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Triple(pub(crate) [f32; 3]);
 
-pub(super) fn parse_triple(text: &str) -> std::result::Result<Triple, String> {
+pub(super) fn parse_triple(text: &str) -> Result<Triple, String> {
     let numbers: Option<Vec<f32>> =
         text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
     match numbers.as_deref() {
@@ -217,7 +198,7 @@ pub(super) fn parse_triple(text: &str) -> std::result::Result<Triple, String> {
     }
 }
 
-fn parse_exposure(text: &str) -> std::result::Result<Exposure, String> {
+fn parse_exposure(text: &str) -> Result<Exposure, String> {
     match text {
         "auto" => Ok(Exposure::Percentile),
         number => match number.parse::<f64>() {

@@ -4,7 +4,7 @@ use super::console::Console;
 use super::{Cli, Outcome};
 use crate::error::Error;
 use crate::export::atomic;
-use crate::export::target::check_folder;
+use crate::file::check_folder;
 use clap::CommandFactory;
 use serde_json::json;
 use std::io::Write;

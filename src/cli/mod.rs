@@ -99,7 +99,7 @@ enum Command {
     View(Box<view::View>),
     Export(Box<export::Export>),
     Env(env::Env),
-    Cache(cache::command::CacheCommand),
+    Cache(cache::CacheCommand),
     Completions(completions::Completions),
     Man(man::Man),
 }

@@ -1,14 +1,13 @@
 //! What a bake computes, as options: shared by `plan`, `bake` and the lazy bake of `relight`.
 
-use super::isovalue::{Chosen, Isovalue};
-use crate::bake::{Estimator, ForLight, Goal, Share};
+use super::input::VolumeArgs;
+use super::isovalue::Isovalue;
+use crate::bake::{Estimator, Quality, Share};
 use crate::error::{Error, Result};
-use crate::scene::medium::{Body, Medium, Phase, albedo_nodes};
-use crate::scene::{EffectSwitch, Effects, Member, Scene, SceneFile};
+use crate::scene::{EffectSwitch, Effects, Fog, Scene, SceneFile, TextureSize, Translucent, VolumeOptions};
 use crate::sh::MAX_BANDS;
-use crate::transfer::{Lattice, Layers, Layout, MAX_LAYERS};
-use crate::transport::{REPLICATES, Settings};
-use crate::volume::{Shadowing, Volume};
+use crate::transfer::MAX_LAYERS;
+use crate::transport::REPLICATES;
 use std::time::Duration;
 
 /// Quality of a transfer texture.
@@ -31,7 +30,7 @@ pub(super) struct TransferArgs {
     /// Bake a texture of this resolution, for all isovalues: a ratio to the data such as 0.5, 1 or 2, or 128x128x96
     /// [default: isovalues that are named are baked at the vertices of their surfaces; else 1]
     #[arg(long, value_name = "RATIO|XxYxZ", value_parser = parse_texture)]
-    pub(super) texture: Option<Texture>,
+    pub(super) texture: Option<TextureSize>,
     /// Switch effects of the plan on or off by hand, such as -interreflection or +shadowing,-emission (see `isolume plan`)
     #[arg(long, value_name = "+NAME|-NAME[,…]", value_delimiter = ',', allow_hyphen_values = true,
         value_parser = parse_effect)]
@@ -49,39 +48,19 @@ pub(super) struct TransferArgs {
     pub(super) memory_limit: Option<u64>,
 }
 
-/// Fog as given: extinction, albedo, mean cosine.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Fog([f64; 3]);
-
 /// Reads extinction, albedo and mean cosine.
 pub(super) fn parse_fog(argument: &str) -> std::result::Result<Fog, String> {
     let expected = "give the extinction per world unit, and perhaps albedo (0 to 1) and mean cosine (-1 to 1), such as 0.02,0.9,0.5";
     let numbers: Option<Vec<f64>> = argument.split(',').map(|n| n.trim().parse().ok()).collect();
-    let fog = match numbers.as_deref() {
-        Some(&[extinction]) => [extinction, 1.0, 0.0],
-        Some(&[extinction, albedo]) => [extinction, albedo, 0.0],
-        Some(&[extinction, albedo, g]) => [extinction, albedo, g],
+    let (extinction, albedo, g) = match numbers.as_deref() {
+        Some(&[extinction]) => (extinction, 1.0, 0.0),
+        Some(&[extinction, albedo]) => (extinction, albedo, 0.0),
+        Some(&[extinction, albedo, g]) => (extinction, albedo, g),
         _ => return Err(expected.into()),
     };
-    let [extinction, albedo, g] = fog;
     let legal = extinction.is_finite() && extinction >= 0.0 && (0.0..=1.0).contains(&albedo) && g.abs() < 1.0;
-    if legal { Ok(Fog(fog)) } else { Err(expected.into()) }
+    if legal { Ok(Fog { extinction, albedo, mean_cosine: g }) } else { Err(expected.into()) }
 }
-
-/// A translucent solid as given.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Translucent {
-    extinction: f64,
-    // `None` where it is free.
-    albedo: Option<f64>,
-    mean_cosine: f64,
-    index: f64,
-}
-
-/// Nodes of a medium whose albedo is free, besides the one that checks them.
-const NODES: usize = 8;
-/// Albedo of such a medium where relight says nothing.
-const FREE_ALBEDO: f64 = 0.95;
 
 /// Reads extinction, albedo, mean cosine and index.
 pub(super) fn parse_translucent(argument: &str) -> std::result::Result<Translucent, String> {
@@ -94,7 +73,7 @@ pub(super) fn parse_translucent(argument: &str) -> std::result::Result<Transluce
         return Err(expected.into());
     }
     let extinction = number(0, 0.0)?;
-    let albedo = if parts.get(1) == Some(&"free") { None } else { Some(number(1, FREE_ALBEDO)?) };
+    let albedo = if parts.get(1) == Some(&"free") { None } else { Some(number(1, 0.95)?) };
     let (mean_cosine, index) = (number(2, 0.0)?, number(3, 1.0)?);
     let legal = extinction.is_finite()
         && extinction >= 0.0
@@ -102,35 +81,6 @@ pub(super) fn parse_translucent(argument: &str) -> std::result::Result<Transluce
         && mean_cosine.abs() < 1.0
         && (1.0..=10.0).contains(&index);
     if legal { Ok(Translucent { extinction, albedo, mean_cosine, index }) } else { Err(expected.into()) }
-}
-
-/// What is put around and into a volume by options, unless it is switched off.
-pub(super) fn add_media(scene: Scene, transfer: &TransferArgs) -> Result<Scene> {
-    let effects = transfer.effects();
-    let scene = add_fog(scene, transfer.fog, &effects)?;
-    let Some(of) = transfer.translucent.filter(|_| effects.switched("media") != Some(false)) else {
-        return Ok(scene);
-    };
-    let phase = if of.mean_cosine == 0.0 { Phase::Isotropic } else { Phase::HenyeyGreenstein(of.mean_cosine) };
-    let medium = Medium::constant("body", of.extinction, of.albedo.unwrap_or(FREE_ALBEDO), phase)?;
-    let nodes = if of.albedo.is_none() { albedo_nodes(NODES) } else { Vec::new() };
-    scene.with_body(Body { medium, index: of.index, nodes }).map_err(|e| match e {
-        Error::Argument { given, expected, remedy, .. } => Error::argument("--translucent", given, expected, remedy),
-        other => other,
-    })
-}
-
-/// Puts fog around a volume, if there is any and it is not switched off.
-pub(super) fn add_fog(scene: Scene, fog: Option<Fog>, effects: &Effects) -> Result<Scene> {
-    let Some(Fog([extinction, albedo, g])) = fog.filter(|_| effects.switched("media") != Some(false)) else {
-        return Ok(scene);
-    };
-    let phase = if g == 0.0 { Phase::Isotropic } else { Phase::HenyeyGreenstein(g) };
-    let fog = Medium::constant("fog", extinction, albedo, phase)?;
-    scene.with_medium(fog).map_err(|e| match e {
-        Error::Argument { given, expected, remedy, .. } => Error::argument("--fog", given, expected, remedy),
-        other => other,
-    })
 }
 
 /// A whole bake.
@@ -149,23 +99,6 @@ pub(super) struct BakeArgs {
     /// Estimator of the transfer
     #[arg(long, value_enum, default_value = "path")]
     pub(super) estimator: EstimatorArg,
-}
-
-/// Resolution of a texture as written.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Texture {
-    Ratio(f64),
-    Texels([usize; 3]),
-}
-
-impl Texture {
-    /// The lattice of a volume.
-    pub(super) fn lattice(self, volume: &Volume) -> Result<Lattice> {
-        match self {
-            Self::Ratio(ratio) => Lattice::from_ratio(volume.dims(), ratio),
-            Self::Texels(texels) => Lattice::from_texels(volume.dims(), texels),
-        }
-    }
 }
 
 pub(super) fn parse_rays(text: &str) -> std::result::Result<u32, String> {
@@ -189,17 +122,17 @@ fn parse_error(text: &str) -> std::result::Result<f32, String> {
     }
 }
 
-pub(super) fn parse_texture(text: &str) -> std::result::Result<Texture, String> {
+pub(super) fn parse_texture(text: &str) -> std::result::Result<TextureSize, String> {
     if let Ok(ratio) = text.parse::<f64>() {
         return if ratio > 0.0 && ratio <= 16.0 {
-            Ok(Texture::Ratio(ratio))
+            Ok(TextureSize::Ratio(ratio))
         } else {
             Err("give a ratio above 0 and up to 16".into())
         };
     }
-    let texels: Option<Vec<usize>> = text.split('x').map(|n| n.parse().ok()).collect();
+    let texels: Option<Vec<u64>> = text.split('x').map(|n| n.parse().ok()).collect();
     match texels.as_deref() {
-        Some(&[x, y, z]) => Ok(Texture::Texels([x, y, z])),
+        Some(&[x, y, z]) => Ok(TextureSize::Texels([x, y, z])),
         _ => Err("give a ratio such as 0.5, or a resolution such as 128x128x96".into()),
     }
 }
@@ -226,36 +159,21 @@ pub(super) fn parse_bytes(text: &str) -> std::result::Result<u64, String> {
 }
 
 impl TransferArgs {
-    /// Layout of the texture on a volume, with `bands` as given by the user: none, one, or one a layer.
-    pub(super) fn layout(&self, volume: &Volume, bands: &[u8]) -> Result<Layout> {
-        let bands: Vec<usize> = bands.iter().map(|&b| usize::from(b)).collect();
-        let direct_only = self.effects().switched("interreflection") == Some(false);
-        let count = usize::from(self.layers.unwrap_or(4));
-        let bands = match (bands.as_slice(), self.layers) {
-            (&[], _) if self.positive => vec![5; count],
-            (&[], _) => Layers::usual(count)?.bands().to_vec(),
-            (&[one], _) => vec![one; count],
-            (list, Some(layers)) if list.len() != usize::from(layers) => {
-                return Err(Error::argument(
-                    "--bands",
-                    format!("{} counts for --layers {layers}", list.len()),
-                    "one count, or one for each layer",
-                    "leave out --layers, or give as many counts",
-                ));
-            }
-            (list, _) => list.to_vec(),
-        };
-        let bands = if direct_only { bands[..1].to_vec() } else { bands };
-        if self.positive && bands.windows(2).any(|w| w[0] != w[1]) {
-            return Err(Error::argument(
-                "--bands",
-                format!("{bands:?}"),
-                "the same number of bands in all layers together with --positive",
-                "give one count",
-            ));
+    /// What is asked of the library, with bands as given: none, one, or one a layer.
+    pub(super) fn quality(&self, bands: &[u8], seed: u64) -> Quality {
+        Quality {
+            rays: self.rays,
+            error: self.error,
+            seconds: None,
+            layers: self.layers.map(usize::from),
+            bands: bands.iter().map(|&b| usize::from(b)).collect(),
+            texture: self.texture,
+            positive: self.positive,
+            effects: self.effects(),
+            estimator: Estimator::Path,
+            memory_limit: self.memory_limit,
+            seed,
         }
-        let lattice = self.texture.unwrap_or(Texture::Ratio(1.0)).lattice(volume)?;
-        Ok(Layout { lattice, layers: Layers::new(bands)? })
     }
 
     /// What was switched by hand.
@@ -263,56 +181,22 @@ impl TransferArgs {
         Effects::new(self.effects.iter().copied())
     }
 
-    /// Which shadows count.
-    pub(super) fn shadowing(&self) -> Shadowing {
-        match self.effects().switched("shadowing") {
-            None => Shadowing::Found,
-            Some(true) => Shadowing::Traced,
-            Some(false) => Shadowing::Ignored,
-        }
-    }
-
-    /// Whether isovalues that are named are baked at the vertices of their isosurfaces.
-    pub(super) fn bakes_surfaces(&self) -> bool {
-        self.texture.is_none()
-    }
-
-    /// Settings of the estimator, and what is to be reached under some lights; a target follows from the goal. `seconds`: the
-    /// time that texels stop by. `has_goals`: whether the estimator has such.
-    pub(super) fn settings(
-        &self,
-        layout: &Layout,
-        seed: u64,
-        (lights, seconds): (Vec<ForLight>, Option<f64>),
-        has_goals: bool,
-    ) -> (Settings, Goal) {
-        let goal = match (self.error, seconds, self.rays) {
-            (None, None, None) if has_goals => Goal::usual(lights),
-            _ => Goal { error: self.error, lights, most_paths: None, seconds },
+    /// Opens a volume, or the scene that was read, with what these options put around it.
+    pub(super) fn open(&self, input: &str, file: Option<&SceneFile>, volume: &VolumeArgs) -> Result<Scene> {
+        let effects = self.effects();
+        let options = VolumeOptions { shadowing: effects.shadowing(), ..volume.options() };
+        let scene = match file {
+            Some(file) => file.open(&options, &effects)?,
+            None => Scene::open_with(input, &options, &effects)?,
         };
-        let stops = goal.error.is_some() || goal.seconds.is_some();
-        let rays = self.rays.unwrap_or(if stops { 4096 } else { 64 });
-        (Settings { layers: layout.layers.clone(), rays, seed, target: None, positive: self.positive }, goal)
+        scene.with_added(self.fog, self.translucent, &effects)
     }
 }
 
 impl BakeArgs {
-    /// The isovalues asked for, in the file's values; `None` for all.
-    pub(super) fn isovalues(&self, opened: &mut Member, scene: Option<&SceneFile>) -> Result<Option<Vec<Chosen>>> {
-        if self.isovalues.is_empty() {
-            opened.check_all()?;
-            return Ok(None);
-        }
-        opened.settle(&self.isovalues, &|i, error| in_scene(error, scene, &self.isovalues[i])).map(Some)
-    }
-}
-
-/// Names the line of a scene that an isovalue stands in.
-pub(super) fn in_scene(error: Error, scene: Option<&SceneFile>, isovalue: &Isovalue) -> Error {
-    let Some(SceneFile { description: scene, .. }) = scene else { return error };
-    match scene.isovalues.iter().find(|i| i.value.parse().is_ok_and(|i: Isovalue| i == *isovalue)) {
-        Some(written) => scene.at_line(written.line, error),
-        None => error,
+    /// What is asked of the library.
+    pub(super) fn quality(&self, seed: u64) -> Quality {
+        Quality { estimator: self.estimator.into(), ..self.transfer.quality(&self.bands, seed) }
     }
 }
 

@@ -1,12 +1,11 @@
 //! `isolume plan`: what a bake would simulate, and why.
 
-use super::baking;
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::isovalue::tell;
-use super::options::{BakeArgs, EstimatorArg, add_media, parse_time};
+use super::options::{BakeArgs, parse_time};
 use super::{Failure, Outcome, forecast, plan_table, text};
-use crate::bake::layout_of_scene;
+use crate::bake::Hints;
 use crate::level::Pyramid;
 use crate::probe::Orientation;
 use crate::scene::geometry::Geometry;
@@ -48,12 +47,7 @@ pub(super) struct Plan {
 impl Plan {
     pub(super) fn run(&self, seed: u64, console: &Console) -> Outcome {
         let transfer = &self.bake.transfer;
-        let options = self.volume.options_with(transfer.shadowing());
-        let scene = match &self.scene {
-            Some(file) => file.open(&options, &transfer.effects())?,
-            None => Scene::open_with(&self.input, &options, &transfer.effects())?,
-        };
-        let mut scene = add_media(scene, transfer)?;
+        let mut scene = transfer.open(&self.input, self.scene.as_ref(), &self.volume)?;
         let (mut plans, mut isovalues) = (Vec::new(), Vec::new());
         for member in 0..scene.members().len() {
             let (plan, chosen) = self.run_member(&mut scene, member, seed, console)?;
@@ -82,16 +76,12 @@ impl Plan {
     ) -> Outcome<(Value, Option<Vec<f64>>)> {
         let opened = &mut scene.members_mut()[member];
         let scene = self.scene.as_ref();
-        let chosen = self.bake.isovalues(opened, scene)?;
+        let chosen = opened.settle_in(&self.bake.isovalues, scene)?;
         tell(console, chosen.as_deref().unwrap_or_default());
-        let volume = &*opened.volume;
-        let geometry = opened.geometry.as_ref();
-        let layout = layout_of_scene(self.bake.transfer.layout(volume, &self.bake.bands)?, geometry);
-        let has_goals = self.bake.estimator == EstimatorArg::Path;
-        let settings = self.bake.transfer.settings(&layout, seed, (Vec::new(), None), has_goals);
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
-        let effects = self.bake.transfer.effects();
-        let mut job = baking::request(opened, scene, &self.bake, isovalues, layout, settings, &effects);
+        let (volume, geometry, quality) = (&*opened.volume, opened.geometry.as_ref(), self.bake.quality(seed));
+        let mut job = quality.request(opened, isovalues, Vec::new())?;
+        job.hints = Hints::of_scene(scene, volume.value_range(), job.isovalues.as_deref());
         job.hints.albedo = self.albedo.or(job.hints.albedo);
         if let Some(albedo) = self.albedo {
             crate::relight::Material::new([albedo; 3], [0.0; 3])?;
@@ -122,17 +112,20 @@ impl Plan {
         };
         let transfer = &self.bake.transfer;
         let (probe, turned) = environment(self.for_env.as_deref(), self.scene.as_ref())?;
-        let layout = layout_of_scene(transfer.layout(&first.volume, &self.bake.bands)?, first.geometry.as_ref());
-        let (isovalue, all) = forecast::weigh(&forecast::Asked {
-            members: scene.members(),
-            isovalues,
-            layers: &layout.layers,
-            probe: &probe,
-            orientation: Orientation::new(first.volume.up, turned)?,
-            albedo: self.albedo.unwrap_or(0.7),
-            caustics: transfer.effects().switched("caustics") != Some(false),
-            seed,
-        })?;
+        let layout = self.bake.quality(seed).layout(&first.volume, first.geometry.as_ref())?;
+        let (isovalue, all) = forecasts::weigh(
+            &forecasts::Asked {
+                members: scene.members(),
+                isovalues,
+                layers: &layout.layers,
+                probe: &probe,
+                orientation: Orientation::new(first.volume.up, turned)?,
+                albedo: self.albedo.unwrap_or(0.7),
+                caustics: transfer.effects().switched("caustics") != Some(false),
+                seed,
+            },
+            &forecast::clock(),
+        )?;
         let threads = rayon::current_num_threads();
         let by_time = self.time.and_then(|t| forecasts::best_within(&all, t.as_secs_f64() * threads as f64));
         let by_error = self.bake.transfer.error.and_then(|e| forecasts::cheapest_within(&all, f64::from(e)));

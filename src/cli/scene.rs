@@ -3,7 +3,7 @@
 use super::{Cli, Command};
 use crate::error::Result;
 use crate::scene::{DARK, SceneFile, TextureSize};
-use crate::transfer::store::Store;
+use crate::transfer::store::{Store, is_store};
 use crate::volume::Solid;
 use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches};
@@ -68,7 +68,7 @@ fn with_light_of_store(mut line: Vec<OsString>) -> Vec<OsString> {
         let absent = given.try_contains_id("env").is_ok() && given.value_source("env").is_none();
         (LIT.contains(&name) && absent).then(|| given.try_get_one::<String>("input").ok().flatten().cloned()).flatten()
     });
-    let shines = given.filter(|input| super::info::is_store(input)).and_then(|input| Store::open(input).ok());
+    let shines = given.filter(|input| is_store(input)).and_then(|input| Store::open(input).ok());
     if shines.is_some_and(|store| store.identity().scene.as_ref().is_some_and(|scene| !scene.luminaires.is_empty())) {
         line.push(format!("--env={DARK}").into());
     }

@@ -1,27 +1,24 @@
 //! `isolume view`: the live page, served on this machine or written into one file.
 
-use super::cache::members::MemberBakes;
-use super::cache::{Cache, Filled, InUse};
+use super::baking::{details, filler};
+use super::cache::{locate, prepare};
 use super::console::Console;
-use super::info::{self, check_store, check_texture};
 use super::input::VolumeArgs;
 use super::isovalue::{Isovalue, NamedIsovalue, parse_named};
-use super::options::{Texture, TransferArgs, add_media};
+use super::options::TransferArgs;
 use super::{Failure, Outcome, text};
+use crate::cache::{Filled, InUse, MemberBakes};
 use crate::error::Error;
 use crate::export::atomic;
 use crate::export::inputs::Inputs;
 use crate::export::target::check_file;
 use crate::probe::{EMBEDDED, Probe};
-use crate::scene::{DARK, Scene, SceneFile, open_probe};
-use crate::session::Groups;
-use crate::transfer::store::Completeness;
-use crate::transfer::store::{SceneIdentity, Store};
+use crate::scene::{DARK, SceneFile, TextureSize, open_probe};
+use crate::transfer::store::{SceneIdentity, Store, check_store, is_store};
 use crate::view::page::page_in_one_file;
 use crate::view::server::Server;
-use crate::view::{Coding, Options, Package, Subject, Surrounded, pack};
+use crate::view::{Coding, Options, Package, package_of};
 use serde_json::json;
-use std::io::Write;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -115,7 +112,7 @@ impl View {
 
     /// The store of what is shown, baked where it is not in the cache.
     fn store(&self, seed: u64, console: &Console) -> Outcome<(Store, Option<InUse>)> {
-        if info::is_store(&self.input) || self.input.ends_with(".isolume") {
+        if is_store(&self.input) || self.input.ends_with(".isolume") {
             check_store(&self.input)?;
             if self.all_isovalues {
                 let remedy = "leave it out: a store shows what it holds";
@@ -123,23 +120,20 @@ impl View {
             }
             return Ok((self.choose(Store::open(&self.input)?, console)?, None));
         }
-        let volume_options = self.volume.options_with(self.transfer.shadowing());
-        let scene = match &self.scene {
-            Some(file) => file.open(&volume_options, &self.transfer.effects())?,
-            None => Scene::open_with(&self.input, &volume_options, &self.transfer.effects())?,
-        };
-        let mut scene = add_media(scene, &self.transfer)?;
+        let mut scene = self.transfer.open(&self.input, self.scene.as_ref(), &self.volume)?;
         if let Some(name) = &self.of_volume {
             scene.member_named(name)?;
         }
         let isovalues = self.isovalues_of_scene()?;
-        let cache = Cache::locate(self.cache.as_deref())?;
-        cache.prepare()?;
+        let cache = locate(self.cache.as_deref())?;
+        prepare(&cache)?;
         let start = Instant::now();
+        let bands = self.scene.as_ref().map(SceneFile::bands).unwrap_or_default();
+        let mut quality = self.transfer.quality(&bands, seed);
         // The page looks up a texture, whichever isovalues are listed.
-        let texture = self.transfer.texture.or(Some(Texture::Ratio(1.0)));
-        let transfer = TransferArgs { texture, ..self.transfer.clone() };
-        let mut bakes = MemberBakes::new(&cache, &transfer, self.scene.as_ref(), seed, start, console);
+        quality.texture.get_or_insert(TextureSize::Ratio(1.0));
+        let (fill, note) = (filler(start, console), |text: &str| console.note(text));
+        let mut bakes = MemberBakes::new(&cache, &quality, self.scene.as_ref(), &fill, &note);
         let mut last = None;
         for member in scene.members_mut() {
             let chosen = bakes.choose(member, &isovalues)?;
@@ -148,9 +142,11 @@ impl View {
                 member.check_all()?;
             }
             let isovalues = (!chosen.is_empty()).then(|| chosen.iter().map(|c| c.value).collect());
-            last = Some(bakes.bake(member, isovalues)?);
+            let filled = bakes.bake(member, isovalues, Vec::new())?;
+            details(&filled, console);
+            last = Some(filled);
         }
-        cache.tidy(console);
+        cache.tidy(&note);
         let Some(Filled { store, in_use, .. }) = last else {
             return Err(Failure::Message("a scene without volumes".into()));
         };
@@ -211,7 +207,7 @@ impl View {
             coding: if one_file { Coding::Byte } else { Coding::Half },
         };
         let rotation = self.scene.as_ref().and_then(|file| file.description.probe.as_ref()?.rotation);
-        let package = package(store, &probes, (self.isovalue, rotation.unwrap_or(0.0), self.partial), &options)?;
+        let package = package_of(store, &probes, (self.isovalue, rotation.unwrap_or(0.0), self.partial), &options)?;
         let layout = store.layout();
         let triple = |[x, y, z]: [usize; 3]| format!("{x} × {y} × {z}");
         let reduced = |from: [usize; 3], to: [usize; 3]| {
@@ -251,77 +247,11 @@ impl View {
     }
 }
 
-/// What the page shows of a store: `isovalue` to begin with, `rotation` of the environment in a scene, and whether a bake that is not
-/// finished will do.
-pub(crate) fn package(
-    store: &Store,
-    probes: &[Probe],
-    (isovalue, rotation, partial): (Isovalue, f64, bool),
-    options: &Options,
-) -> Outcome<Package> {
-    let volume = store.volume()?;
-    Completeness::of(store, &volume)?.check(store, partial)?;
-    let held = store.holdings()?;
-    check_texture(store, &held, "the page")?;
-    let isovalue = match held.in_texture.first() {
-        Some(&first) if !held.all && isovalue == Isovalue::Auto => first,
-        _ => isovalue.resolve(&volume, Some(volume.solid), None)?.value,
-    };
-    let identity = store.identity();
-    let surroundings = identity.scene.as_ref();
-    let layout = store.layout();
-    let triple = |[x, y, z]: [usize; 3]| format!("{x} × {y} × {z}");
-    let rays = if held.rays[0] == held.rays[1] {
-        held.rays[0].to_string()
-    } else {
-        format!("{} to {}", held.rays[0], held.rays[1])
-    };
-    let mut about = vec![
-        ("volume", format!("{}, {} samples", volume.name, triple(volume.dims()))),
-        ("solid", format!("{} the isovalue", identity.solid)),
-        ("texture", format!("{} texels", triple(layout.lattice.texels()))),
-        ("layers", format!("{} with {:?} bands", layout.layers.len(), layout.layers.bands())),
-        ("estimator", format!("{}, {rays} rays a texel, seed {}", identity.estimator, identity.seed)),
-        ("isovalues", info::isovalues_text(&held)),
-        ("store", identity.hash()[..16].to_string()),
-        ("program", concat!("isolume ", env!("CARGO_PKG_VERSION")).into()),
-    ];
-    about.splice(1..1, surroundings.iter().flat_map(|scene| about_surroundings(scene)));
-    let groups = Groups::open(store, &[])?;
-    let subject = Subject {
-        volume: &volume,
-        textures: &groups.textures()?,
-        surrounded: surroundings.map(|identity| Surrounded { identity, rotation }),
-        isovalues: (!held.all).then(|| held.in_texture.clone()),
-        about: about.into_iter().map(|(name, text)| (name.to_string(), text)).collect(),
-        probes,
-        isovalue,
-    };
-    Ok(pack(&subject, options)?)
-}
-
-/// What stands around the volume, for the page.
-fn about_surroundings(scene: &SceneIdentity) -> Vec<(&'static str, String)> {
-    let mut about = Vec::new();
-    if scene.coupling.is_none() || !scene.luminaires.is_empty() {
-        about.push(("walls", "in the light of the surface, not drawn".into()));
-    }
-    if !scene.luminaires.is_empty() {
-        about.push(("luminaires", scene.luminaires.join(", ")));
-    }
-    if let Some(coupling) = &scene.coupling {
-        let names: Vec<&str> = coupling.partners.iter().map(|p| p.name.as_str()).collect();
-        let others = format!("{}, in the light of the surface, not drawn: --volume NAME shows one", names.join(", "));
-        about.push(("other volumes", others));
-    }
-    about
-}
-
 fn write_page(path: &std::path::Path, package: &Package, console: &Console) -> Outcome {
     let document = page_in_one_file(package)?;
     let size = document.len();
     console.note(format!("{}: will be {}", path.display(), text::bytes(size as f64)));
-    atomic::write(path, |w| w.write_all(document.as_bytes()).map_err(|e| Error::io(path, "write", e)))?;
+    atomic::write_bytes(path, document.as_bytes())?;
     console.summary(format!("{}  {}", path.display(), text::bytes(size as f64)));
     console.print_json(&json!({
         "path": path.display().to_string(), "bytes": size, "texels": package.texels, "samples": package.samples,

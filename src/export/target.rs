@@ -1,6 +1,7 @@
 //! Which files are written: names, formats, and whether they can be written; found out before the work that they take.
 
 use crate::error::{Error, Result};
+use crate::file::check_folder;
 use crate::quantity::number;
 use std::path::{Path, PathBuf};
 
@@ -126,21 +127,6 @@ pub fn result_folder(given: Option<&Path>, otherwise: String, file: &str) -> Res
     let inside = if folder.is_dir() { folder.join(file) } else { folder.clone() };
     check_folder(&inside)?;
     Ok(folder)
-}
-
-/// Refuses a path whose directory is not there or does not take new files.
-pub fn check_folder(path: &Path) -> Result<()> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if !folder.is_dir() {
-        return Err(Error::argument(
-            "output",
-            path.display(),
-            format!("a directory {} to write in", folder.display()),
-            "make it first, or check the path",
-        ));
-    }
-    // The only sure test of permission is to write.
-    tempfile::Builder::new().prefix(".isolume-").tempfile_in(folder).map(drop).map_err(|e| Error::io(path, "write", e))
 }
 
 #[cfg(test)]

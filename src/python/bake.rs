@@ -2,8 +2,9 @@
 
 use super::watch;
 use crate::bake::{Bake, Estimator, ForLight, Observer, Report, Request, Writing, run};
+use crate::cache::{InUse, for_light};
 use crate::cli::Failure;
-use crate::cli::shared::{Cache, Console, InUse, Told, for_light};
+use crate::cli::shared::{Told, locate, prepare};
 use crate::error::{Error, Result};
 use crate::memory;
 use crate::probe::{EnvFrame, Probe};
@@ -149,8 +150,8 @@ pub(super) fn fill(
     let (path, cache) = match place {
         Place::Store(path) => (path.clone(), None),
         Place::Cache(folder) => {
-            let cache = Cache::locate(folder.as_deref())?;
-            cache.prepare()?;
+            let cache = locate(folder.as_deref())?;
+            prepare(&cache)?;
             let path = cache.place(&requests[0]);
             in_use = Some(cache.use_of(&path)?);
             (path, Some(cache))
@@ -165,7 +166,7 @@ pub(super) fn fill(
         reports.push(report);
     }
     if let Some(cache) = &cache {
-        cache.tidy(&Console::new(false, true));
+        cache.tidy(&|_| {});
     }
     drop(requests);
     drop(bake);

@@ -6,8 +6,9 @@ use super::error::OrRaise;
 use super::surface::{Ready, Surface};
 use super::watch;
 use crate::bake::{Goal, Observer, Request, Writing, run};
+use crate::cache::InUse;
 use crate::cli::Failure;
-use crate::cli::shared::{InUse, MaterialArgs, Triple, package};
+use crate::cli::shared::{MaterialArgs, Triple};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::memory;
@@ -19,7 +20,7 @@ use crate::sh::Window;
 use crate::transfer::store::{EstimatorIdentity, Store as Held};
 use crate::transport::Settings as Paths;
 use crate::view::page::page_in_one_file;
-use crate::view::{Coding, Options, Package};
+use crate::view::{Coding, Options, Package, package_of};
 use crate::volume::Isovalue;
 use numpy::{PyArray1, PyArray3, PyArray4, PyArrayMethods};
 use pyo3::prelude::*;
@@ -92,7 +93,7 @@ impl Store {
                     probes.push(open_probe(name, false, None)?);
                 }
             }
-            package(&store, &probes, (isovalue, 0.0, false), &options)
+            Ok(package_of(&store, &probes, (isovalue, 0.0, false), &options)?)
         })
     }
 

@@ -2,6 +2,7 @@
 
 use super::nearest;
 use crate::error::{Error, Result};
+use crate::volume::Shadowing;
 use std::str::FromStr;
 
 /// The effects of a plan, in its order.
@@ -84,6 +85,15 @@ impl Effects {
     /// Whether an effect was switched, and how.
     pub fn switched(&self, name: &str) -> Option<bool> {
         self.0.iter().rev().find(|s| s.name == name).map(|s| s.on)
+    }
+
+    /// Which shadows count.
+    pub fn shadowing(&self) -> Shadowing {
+        match self.switched("shadowing") {
+            None => Shadowing::Found,
+            Some(true) => Shadowing::Traced,
+            Some(false) => Shadowing::Ignored,
+        }
     }
 
     /// Whether nothing was switched.

@@ -3,6 +3,7 @@
 use super::{SceneFile, nearest};
 use crate::error::{Error, Result};
 use crate::probe::{self, EMBEDDED, Layout, Probe, ReadOptions};
+use crate::volume::Isovalue;
 use std::path::Path;
 
 /// Names of the skies by formula, for suggestions.
@@ -44,6 +45,15 @@ impl SceneFile {
     /// How far its environment is turned, in degrees.
     pub fn rotation(&self) -> f64 {
         self.description.probe.as_ref().and_then(|probe| probe.rotation).unwrap_or(0.0)
+    }
+
+    /// An error about an isovalue, with the line that it stands in.
+    pub fn at_isovalue(&self, isovalue: Isovalue, error: Error) -> Error {
+        let listed = &self.description.isovalues;
+        match listed.iter().find(|i| i.value.parse().is_ok_and(|i: Isovalue| i == isovalue)) {
+            Some(written) => self.description.at_line(written.line, error),
+            None => error,
+        }
     }
 
     /// An error about the environment of this name, with the line that names it.

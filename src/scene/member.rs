@@ -2,7 +2,7 @@
 
 use super::geometry::Geometry;
 use super::model::{self, ModelName};
-use super::{Coupled, Coupling, MOST_ISOVALUES, nearest};
+use super::{Coupled, Coupling, MOST_ISOVALUES, SceneFile, nearest};
 use crate::error::{Error, Result};
 use crate::geom::Up;
 use crate::volume::isovalue::{Chosen, number};
@@ -143,6 +143,20 @@ impl Member {
             side_is_given: false,
             among: None,
         }
+    }
+
+    /// The isovalues asked for, in the file's values, whose side becomes that of the volume; `None` for all. Errors name the line
+    /// of the scene.
+    ///
+    /// # Errors
+    /// As [`Self::settle`] and [`Self::check_all`].
+    pub fn settle_in(&mut self, asked: &[Isovalue], scene: Option<&SceneFile>) -> Result<Option<Vec<Chosen>>> {
+        if asked.is_empty() {
+            self.check_all()?;
+            return Ok(None);
+        }
+        let in_scene = |i: usize, error| scene.iter().fold(error, |error, file| file.at_isovalue(asked[i], error));
+        self.settle(asked, &in_scene).map(Some)
     }
 
     /// Opens a volume file, or samples the analytic field of that name, such as `bumpbox:96`, or a model, such as

@@ -1,6 +1,7 @@
 //! What is to be lit: the description of a scene, what stands around its volume, materials over the isovalue, and the
 //! plan of effects. Knows nothing of the insides of solvers.
 
+mod added;
 mod colormap;
 mod coupling;
 mod description;
@@ -16,6 +17,8 @@ mod open;
 mod plan;
 
 pub use crate::probe::{MOST_SUNS, SUN_TOLERANCE, SunSplit};
+#[doc(hidden)]
+pub use added::{Fog, Translucent};
 #[doc(hidden)]
 pub use colormap::Colormap;
 pub use coupling::{Coupled, Coupling, IsovalueMap};

@@ -3,10 +3,15 @@
 use super::model::{Forecast, Pilot};
 use super::{Clock, Study};
 use crate::bake::{Estimator, bytes_of_scene_texel, spread};
-use crate::compare::LitSurface;
+use crate::compare::{LitSurface, unburied};
 use crate::error::{Error, Result};
-use crate::transfer::{Lattice, Layers, Layout, Selection};
-use crate::transport::{Settings, trial};
+use crate::level::Pyramid;
+use crate::probe::{Orientation, Probe};
+use crate::scene::Member;
+use crate::session::Isosurface;
+use crate::transfer::{Lattice, Layers, Layout, Selection, texels_of_isosurfaces};
+use crate::transport::{Settings, needs_photons, trial};
+use crate::volume::Isovalue;
 
 /// Resolutions that a forecast weighs against each other, the finest first.
 pub const RATIOS: [f64; 3] = [1.0, 0.5, 0.25];
@@ -117,4 +122,75 @@ pub fn best_within(all: &[Weighed], seconds: f64) -> Option<(&Weighed, Forecast)
 pub fn cheapest_within(all: &[Weighed], error: f64) -> Option<(&Weighed, Forecast)> {
     let each = all.iter().filter_map(|w| Some((w, w.pilot.least_within(error)?)));
     each.min_by(|a, b| a.1.seconds.total_cmp(&b.1.seconds))
+}
+
+/// What is forecast.
+#[derive(Clone, Copy)]
+pub struct Asked<'a> {
+    /// The volumes of the scene.
+    pub members: &'a [Member],
+    /// Those asked for, of each; `None` for all.
+    pub isovalues: &'a [Option<Vec<f64>>],
+    /// Layers of the texture of the first.
+    pub layers: &'a Layers,
+    /// The light.
+    pub probe: &'a Probe,
+    /// How it stands around the first volume.
+    pub orientation: Orientation,
+    /// Of the surface.
+    pub albedo: f32,
+    /// Whether caustics are baked.
+    pub caustics: bool,
+    /// Of all random numbers.
+    pub seed: u64,
+}
+
+/// The pilots of a bake, and the isovalue of the first volume at which accuracy is looked at: the first asked for. Of
+/// several volumes the first is tried; the others get the same ratio and rays, and so a share of the time by their
+/// numbers of texels.
+///
+/// # Errors
+/// When a volume has no surface; as [`pilots`].
+pub fn weigh(asked: &Asked<'_>, clock: &Clock<'_>) -> Result<(f64, Vec<Weighed>)> {
+    let Some((first, others)) = asked.members.split_first() else {
+        return Err(Error::argument("scene", "no volume", "at least one", "give a volume"));
+    };
+    let (volume, geometry) = (&*first.volume, first.geometry.as_ref());
+    let of = |member: usize| asked.isovalues.get(member).and_then(Option::as_deref);
+    let isovalue = match of(0) {
+        Some([first, ..]) => *first,
+        _ => first.choose(Isovalue::Auto)?.value,
+    };
+    let pyramid = Pyramid::new(volume);
+    let surface = Isosurface::extract(volume, &pyramid, isovalue)?;
+    let points = surface.random_points(POINTS, asked.seed ^ 0x70);
+    let points = unburied(volume, &pyramid, geometry, isovalue, points);
+    let question = Question {
+        surface: LitSurface {
+            volume,
+            pyramid: &pyramid,
+            geometry,
+            caustics: asked.caustics && geometry.is_none_or(|geometry| needs_photons(geometry).is_empty()),
+            specular: None,
+            isovalue,
+            points: &points,
+            light: &asked.probe.source(asked.orientation),
+            coefficients: &asked.probe.coefficients_in_world(asked.layers.max_bands(), asked.orientation),
+            albedo: [asked.albedo; 3],
+            emission: [0.0; 3],
+            scales: &[],
+            vertices: None,
+        },
+        layers: asked.layers,
+        seed: asked.seed,
+    };
+    let selected = |lattice| texels_of_isosurfaces(volume, lattice, of(0));
+    let mut all = pilots(&question, &RATIOS, &selected, clock)?;
+    for weighed in &mut all {
+        for (i, other) in others.iter().enumerate() {
+            let lattice = Lattice::from_ratio(other.volume.dims(), weighed.ratio)?;
+            weighed.add(texels_of_isosurfaces(&other.volume, lattice, of(1 + i)).len());
+        }
+    }
+    Ok((isovalue, all))
 }

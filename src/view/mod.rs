@@ -26,6 +26,7 @@ pub mod page;
 pub mod server;
 
 mod samples;
+mod store;
 mod texels;
 
 #[cfg(test)]
@@ -33,3 +34,4 @@ mod tests;
 
 pub use pack::{Coding, Options, Package, Subject, Surrounded, pack};
 pub use page::page;
+pub use store::package_of;

@@ -60,9 +60,10 @@ pub const LAYERS: &[Layer] = &[
     ),
     // Not how a store came about.
     layer("session", &["bake"]),
-    layer("compare", &[]),
-    layer("study", &[]),
-    layer("view", &["transport"]),
+    layer("cache", &["level", "relight", "render"]),
+    layer("compare", &["cache"]),
+    layer("study", &["cache"]),
+    layer("view", &["transport", "cache"]),
     layer("cli", &[]),
     // A second caller of the same calls; what the program has beside them (the cache, memory, options as text) it shares.
     layer("python", &[]),
@@ -93,7 +94,8 @@ pub const FORBIDDEN: &[Rule] = &[
     Rule {
         patterns: &["Instant::now", "SystemTime"],
         // How long the server of the page waits for the other side, and how long a call of Python takes.
-        allowed: &["src/cli/", "src/main.rs", "src/view/server/", "src/python/watch.rs"],
+        // When a store of the cache was last used, and how long another process may take that fills it.
+        allowed: &["src/cli/", "src/main.rs", "src/cache/", "src/view/server/", "src/python/watch.rs"],
         why: "the library never reads the clock",
     },
     Rule {
@@ -176,6 +178,7 @@ pub const FILE_SYSTEM_FILES: &[(&str, &str)] = &[
     ("src/cli/", "opens what the user names"),
     ("src/main.rs", "is the program"),
     ("src/export/atomic.rs", "writes a file whole or not at all"),
+    ("src/cache/", "is a folder of stores"),
     ("src/export/inputs.rs", "tells whether two names are one file"),
     ("src/export/target.rs", "makes the folder of what is written"),
     ("src/transfer/store/", "is a folder of files"),

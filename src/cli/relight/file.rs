@@ -2,7 +2,7 @@
 
 use super::Relight;
 use crate::cli::light::{by_option, sentence};
-use crate::cli::{Failure, Outcome, info, text};
+use crate::cli::{Failure, Outcome, text};
 use crate::error::Error;
 use crate::export::target::{Format, Target};
 use crate::level::Counts;
@@ -174,7 +174,7 @@ impl Context<'_> {
         let Error::Unbaked { path, isovalue, unbaked, lookups, holds_all, isovalues, .. } = error else {
             return by_option(error).into();
         };
-        let held = info::isovalues_text(&Holdings { all: holds_all, isovalues, ..Holdings::default() });
+        let held = Holdings { all: holds_all, isovalues, ..Holdings::default() }.isovalues_text();
         let value = text::number(isovalue, 8);
         let source = source_of(self.session.members()[0].store());
         Failure::Message(format!(

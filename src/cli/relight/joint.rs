@@ -1,15 +1,15 @@
 //! Several volumes that were baked together, lit together: one file or picture holds the surfaces of all.
 
 use super::Relight;
-use super::work::lights;
-use crate::bake::layout_of_scene;
-use crate::cli::cache::members::MemberBakes;
-use crate::cli::cache::{Cache, InUse};
+use crate::cache::{Cache, InUse, MemberBakes, lights};
+use crate::cli::baking::{details, filler};
+use crate::cli::cache::{locate, prepare};
 use crate::cli::console::Console;
+use crate::cli::light::by_option;
 use crate::cli::{Failure, Outcome};
 use crate::probe::Probe;
-use crate::scene::Scene;
 use crate::scene::geometry::Geometry;
+use crate::scene::{Scene, SceneFile};
 use crate::transfer::store::Store;
 use std::time::Instant;
 
@@ -32,18 +32,22 @@ pub(super) fn bake(
     (seed, start): (u64, Instant),
     console: &Console,
 ) -> Outcome<Baked> {
-    let cache = Cache::locate(command.cache.as_deref())?;
-    cache.prepare()?;
-    let mut bakes = MemberBakes::new(&cache, &command.transfer, command.scene.as_ref(), seed, start, console);
+    let cache = locate(command.cache.as_deref())?;
+    prepare(&cache)?;
+    let bands = command.scene.as_ref().map(SceneFile::bands).unwrap_or_default();
+    let quality = command.transfer.quality(&bands, seed);
+    let (fill, note) = (filler(start, console), |text: &str| console.note(text));
+    let mut bakes = MemberBakes::new(&cache, &quality, command.scene.as_ref(), &fill, &note);
     let (mut rays, mut in_use) = (0, None);
     for member in scene.members() {
         let isovalues: Vec<f64> = bakes.choose(member, &command.isovalue)?.iter().map(|c| c.value).collect();
-        let (volume, bands) = (&*member.volume, bakes.bands());
-        let layers = layout_of_scene(command.transfer.layout(volume, &bands)?, member.geometry.as_ref()).layers;
+        let volume = &*member.volume;
+        let layers = quality.layout(volume, member.geometry.as_ref())?.layers;
         let albedo = command.albedo_rule(volume.value_range())?.largest_albedo(Some(&isovalues));
         let up = command.volume.options().up_of(volume.up)?;
-        bakes.lights = lights(command, probes, (up, &layers, true), albedo)?;
-        let filled = bakes.bake(member, Some(isovalues))?;
+        let lights = lights(probes, (up, &layers), &command.light_options(true), albedo).map_err(by_option)?;
+        let filled = bakes.bake(member, Some(isovalues), lights)?;
+        details(&filled, console);
         rays += filled.report.summary.counts.rays;
         in_use = Some(filled.in_use);
     }

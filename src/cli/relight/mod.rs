@@ -12,7 +12,7 @@ use super::isovalue::{Chosen, Isovalue, NamedIsovalue, check_count, parse_named}
 use super::light::{LightArgs, MaterialArgs};
 use super::options::TransferArgs;
 use super::picture::PictureArgs;
-use super::{Failure, Outcome, info, options, text};
+use super::{Failure, Outcome, text};
 use crate::error::Error;
 use crate::export::inputs::Inputs;
 use crate::probe::MOST_SUNS;
@@ -21,6 +21,7 @@ use crate::scene::geometry::Geometry;
 use crate::scene::{EmissionRule, MaterialRule, Scene, SceneFile, open_probe};
 use crate::session::{LightNote, LightOptions, MeshOptions, Part, Session};
 use crate::sh::Window;
+use crate::transfer::store::is_store;
 use crate::transfer::store::{FRONT_NOT_RECORDED, Store};
 use crate::volume::Volume;
 use crate::volume::isovalue::Level;
@@ -197,7 +198,7 @@ impl Relight {
         self.material.rule((0.0, 1.0))?;
         let probes = self.open_probes(console)?;
         check_count(self.isovalue.len())?;
-        if info::is_store(&self.input) {
+        if is_store(&self.input) {
             self.volume.options().refuse_for("a store")?;
             self.refuse_effects_of_bakes()?;
             let store = Store::open(&self.input)?;
@@ -219,12 +220,7 @@ impl Relight {
             let source = Source { store, transport_rays: 0 };
             return work.light(&source, Vec::new());
         }
-        let options = self.volume.options_with(self.transfer.shadowing());
-        let scene = match &self.scene {
-            Some(file) => file.open(&options, &self.transfer.effects())?,
-            None => Scene::open_with(&self.input, &options, &self.transfer.effects())?,
-        };
-        let mut scene = options::add_media(scene, &self.transfer)?;
+        let mut scene = self.transfer.open(&self.input, self.scene.as_ref(), &self.volume)?;
         if scene.members().len() > 1 {
             return self.light_scene(scene, &probes, seed, start, console);
         }
@@ -234,7 +230,7 @@ impl Relight {
         };
         let resolve = |i: &NamedIsovalue| {
             let resolved = self.or_empty(&i.isovalue, &opened.volume, opened.choose(i.isovalue));
-            resolved.map_err(|e| options::in_scene(e, self.scene.as_ref(), &i.isovalue))
+            resolved.map_err(|e| self.scene.iter().fold(e, |e, file| file.at_isovalue(i.isovalue, e)))
         };
         let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
         if let Some(levels) = lobes::levels(self, opened, &chosen) {
@@ -256,7 +252,7 @@ impl Relight {
         if opened.geometry.is_none() {
             self.tell_of_lamps(&probes, console);
         }
-        work.bake_and_light(&opened.label, seed)
+        work.bake_and_light(opened, seed)
     }
 
     /// What is read.
@@ -275,7 +271,7 @@ impl Relight {
     ) -> Outcome<Relit> {
         let baked = joint::bake(self, scene, probes, (seed, start), console)?;
         let done = self.light_members(&baked.store, baked.geometry.as_ref(), baked.rays, probes, start, console)?;
-        baked.cache.tidy(console);
+        baked.cache.tidy(&|text| console.note(text));
         drop(baked.in_use);
         Ok(done)
     }

@@ -2,10 +2,10 @@
 
 use super::file::Context;
 use super::{Draft, LitSurface, Relight, Relit};
-use crate::bake::{ForLight, Goal, Request, layout_of_scene};
-use crate::cli::bake_report::Told;
-use crate::cli::baking;
-use crate::cli::cache::{Cache, Filled, InUse};
+use crate::bake::{Request, Writing};
+use crate::cache::{Cache, Filled, InUse, drafts, lights};
+use crate::cli::baking::{details, filler};
+use crate::cli::cache::{locate, prepare};
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, tell};
 use crate::cli::light::by_option;
@@ -18,12 +18,9 @@ use crate::level::Pyramid;
 use crate::memory;
 use crate::probe::Probe;
 use crate::scene::geometry::Geometry;
-use crate::scene::{Effects, EmissionRule, MaterialRule, SceneFile};
-use crate::session::{Lighting, Part, Session, Surface};
-use crate::sh::Coefficients;
+use crate::scene::{EmissionRule, MaterialRule, Member, SceneFile};
+use crate::session::{Part, Session, Surface};
 use crate::transfer::store::Store;
-use crate::transfer::{Lattice, Layers, Layout};
-use crate::transport::Settings;
 use crate::volume::Volume;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -45,7 +42,6 @@ pub(super) struct Work<'a> {
     pyramid: Pyramid,
     rule: MaterialRule,
     emission: EmissionRule,
-    effects: Effects,
     up: Up,
     start: Instant,
     /// What reading and preparing took.
@@ -82,7 +78,7 @@ impl<'a> Work<'a> {
         tell(console, chosen);
         let pyramid = Pyramid::new(volume);
         let rule = command.albedo_rule(volume.value_range())?;
-        let (emission, effects) = (command.emission_rule(), command.transfer.effects());
+        let emission = command.emission_rule();
         let up = command.volume.options().up_of(volume.up)?;
         let read_time = start.elapsed();
         Ok(Self {
@@ -94,7 +90,6 @@ impl<'a> Work<'a> {
             pyramid,
             rule,
             emission,
-            effects,
             up,
             start,
             read_time,
@@ -158,20 +153,23 @@ impl<'a> Work<'a> {
         Ok(surface)
     }
 
-    /// Bakes what the isosurfaces need, coarsely first where the whole takes long, and lights them each time.
-    pub(super) fn bake_and_light(&self, label: &str, seed: u64) -> Outcome<Relit> {
+    /// Bakes what the isosurfaces of the volume need, coarsely first where the whole takes long, and lights them each time.
+    pub(super) fn bake_and_light(&self, member: &Member, seed: u64) -> Outcome<Relit> {
         let bands = self.command.scene.as_ref().map(SceneFile::bands).unwrap_or_default();
-        let (of_volume, isovalues) = ((self.volume, label, self.geometry), Some(self.isovalues.clone()));
-        let transfer = &self.command.transfer;
-        let layers = layout_of_scene(transfer.layout(self.volume, &bands)?, self.geometry).layers;
+        let quality = self.command.transfer.quality(&bands, seed);
+        let layers = quality.layout(self.volume, self.geometry)?.layers;
         let albedo = self.rule.largest_albedo(Some(&self.isovalues));
-        let lights = lights(self.command, self.probes, (self.up, &layers, self.geometry.is_some()), albedo)?;
-        let job = baking::request_of_cache(of_volume, transfer, &bands, isovalues, (seed, lights), &self.effects)?;
-        baking::check(&job)?;
-        let cache = Cache::locate(self.command.cache.as_deref())?;
-        cache.prepare()?;
-        let mut drafts = Vec::new();
-        for draft in self.drafts(&job, &cache)? {
+        let options = self.command.light_options(self.geometry.is_some());
+        let lights = lights(self.probes, (self.up, &layers), &options, albedo).map_err(by_option)?;
+        let request = quality.request(member, Some(self.isovalues.clone()), lights)?;
+        let job = Request { writing: Writing::of_cache(), ..request };
+        job.check_memory()?;
+        job.check()?;
+        let cache = locate(self.command.cache.as_deref())?;
+        prepare(&cache)?;
+        let mut written = Vec::new();
+        let drafts = if self.command.no_draft { Vec::new() } else { drafts(&job, &cache.place(&job))? };
+        for draft in drafts {
             let (source, _use) = self.bake(&draft, &cache, true)?;
             let (rays, texture) = (draft.settings.rays, draft.layout.lattice.texels());
             drop(self.light(&source, Vec::new())?);
@@ -182,89 +180,28 @@ impl<'a> Work<'a> {
             };
             let after = text::duration(written_after);
             self.console.note(format!("a draft of {rays} rays a {what} is written after {after}; going on"));
-            drafts.push(Draft { rays, texture, written_after });
+            written.push(Draft { rays, texture, written_after });
         }
         let (source, _use) = self.bake(&job, &cache, false)?;
-        let done = self.light(&source, drafts)?;
-        cache.tidy(self.console);
+        let done = self.light(&source, written)?;
+        cache.tidy(&|text| self.console.note(text));
         Ok(done)
-    }
-
-    /// The drafts that come before a bake: one of few rays where the bake would take more than a moment, and before
-    /// it one of a coarser texture where the isosurfaces need many texels.
-    fn drafts<'j>(&self, job: &Request<'j>, cache: &Cache) -> Outcome<Vec<Request<'j>>> {
-        let lattice = job.layout.lattice;
-        let missing = job.texels_missing(&cache.place(job))?;
-        let paths = missing * u64::from(job.settings.rays);
-        if self.command.no_draft || job.settings.rays <= DRAFT_RAYS || paths < DRAFT_FROM_PATHS {
-            return Ok(Vec::new());
-        }
-        let few_rays = |layout: Layout| Request {
-            settings: Settings { rays: DRAFT_RAYS, ..job.settings.clone() },
-            goal: Goal::default(),
-            layout,
-            ..job.clone()
-        };
-        let mut drafts = Vec::new();
-        let all: u64 = lattice.texels().iter().map(|&m| m as u64).product();
-        if !job.surfaces && missing as f64 > DRAFT_SHARE * all as f64 {
-            let halved = std::array::from_fn(|a| lattice.texels()[a].div_ceil(2).max(lattice.grid()[a].min(2)));
-            let lattice = Lattice::from_texels(lattice.grid(), halved)?;
-            drafts.push(few_rays(Layout { lattice, layers: job.layout.layers.clone() }));
-        }
-        drafts.push(few_rays(job.layout.clone()));
-        Ok(drafts)
     }
 
     fn bake(&self, job: &Request<'_>, cache: &Cache, is_draft: bool) -> Outcome<(Source, InUse)> {
         let path = cache.place(job);
-        let Filled { store, report, in_use } = cache.fill(job, &path, self.start, self.console)?;
-        if report.chunks_baked == 0 || !is_draft {
-            cache.tell(&report, None, &path, self.console);
+        let note = |text: &str| self.console.note(text);
+        let filled = cache.fill(job, &path, &filler(self.start, self.console), &note)?;
+        if filled.report.chunks_baked == 0 || !is_draft {
+            note(&cache.describe(&filled.report, None, &path));
         }
-        if report.chunks_baked > 0 && !is_draft {
-            self.console.detail(report.lines(crate::file::size_on_disk(&path)));
+        if !is_draft {
+            details(&filled, self.console);
         }
+        let Filled { store, report, in_use } = filled;
         Ok((Source { store, transport_rays: report.summary.counts.rays }, in_use))
     }
 }
-
-/// The lights of the command, as errors are measured by them.
-pub(super) fn lights(
-    command: &Relight,
-    probes: &[Probe],
-    (up, layers, in_scene): (Up, &Layers, bool),
-    albedo: f32,
-) -> Outcome<Vec<ForLight>> {
-    let options = command.light_options(in_scene);
-    let each = probes.iter().map(|probe| {
-        let lighting = Lighting::new(probe, up, layers, &options).map_err(by_option)?;
-        let of_layer = |k: usize| -> [Coefficients; 3] {
-            let rgb = lighting.light().coefficients(k);
-            let bands = lighting.light().bands(k);
-            let mut channels = [(); 3].map(|()| Coefficients::zero(bands));
-            for (c, channel) in channels.iter_mut().enumerate() {
-                channel.values_mut().iter_mut().zip(rgb).for_each(|(to, from)| *to = from[c]);
-            }
-            channels
-        };
-        let turned = if options.rotation_degrees == 0.0 {
-            String::new()
-        } else {
-            format!(" turned {}°", options.rotation_degrees)
-        };
-        let name_in_store = format!("{}{turned}", probe.name);
-        Ok(ForLight { name: probe.name.clone(), name_in_store, light: of_layer(1), direct: Some(of_layer(0)), albedo })
-    });
-    each.collect()
-}
-
-/// Rays a texel of a draft.
-const DRAFT_RAYS: u32 = 16;
-/// Paths from which on a bake gets a draft: a few seconds on two cores.
-const DRAFT_FROM_PATHS: u64 = 1 << 23;
-/// Share of the texels of a texture from which on a draft of half the resolution comes first.
-const DRAFT_SHARE: f64 = 0.05;
 
 /// For every isovalue and environment the files of all outputs.
 fn all_targets(

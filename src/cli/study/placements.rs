@@ -1,15 +1,16 @@
 //! `isolume study placements`: where radiance samples of a texture should lie.
 
+use crate::bake::lattice_of;
 use crate::cli::console::Console;
 use crate::cli::input::VolumeArgs;
 use crate::cli::isovalue::Isovalue;
 use crate::cli::light::{Triple, parse_triple};
-use crate::cli::options::{Texture, parse_bytes, parse_rays, parse_texture};
+use crate::cli::options::{parse_bytes, parse_rays, parse_texture};
 use crate::cli::{Failure, Outcome, forecast, input, text};
 use crate::export::target;
 use crate::memory;
 use crate::probe::{Orientation, Probe};
-use crate::scene::{DARK, Effects, Scene, SceneFile, open_probe};
+use crate::scene::{DARK, Effects, Scene, SceneFile, TextureSize, open_probe};
 use crate::study::placements::Placement;
 use crate::study::placements::sweep::{PlacementRow, PlacementSweep};
 use std::path::PathBuf;
@@ -46,7 +47,7 @@ pub(super) struct PlacementsArgs {
     albedo: Option<Triple>,
     /// Texture: a ratio to the volume's resolution, or texels
     #[arg(long, value_name = "RATIO|XxYxZ", default_value = "100x100x100", value_parser = parse_texture)]
-    texture: Texture,
+    texture: TextureSize,
     /// Numbers of samples
     #[arg(long, value_name = "N[,N…]", value_delimiter = ',', default_value = "10000,100000,1000000",
         value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
@@ -109,7 +110,7 @@ impl PlacementsArgs {
             isovalue: chosen.value,
             probe: probe.as_ref(),
             orientation: Orientation::new(volume.up, turned)?,
-            lattice: self.texture.lattice(volume)?,
+            lattice: lattice_of(volume, self.texture)?,
             material: &self.material(file.as_ref(), volume.value_range()),
             samples: &self.samples,
             placements: &self.placements,

@@ -1,10 +1,11 @@
 //! What the cache holds, and what goes when it is too much.
 
-use super::{Cache, DEFAULT_LIMIT};
-use crate::cli::console::Console;
-use crate::cli::text;
+use super::{Cache, DEFAULT_LIMIT, Note};
 use crate::error::{Error, Result};
+use crate::export::atomic;
 use crate::file::size_on_disk;
+use crate::quantity;
+use crate::scene::nearest;
 use crate::transfer::store::{FORMAT_VERSION, Store};
 use std::fs::{self, OpenOptions};
 use std::path::{Path, PathBuf};
@@ -14,25 +15,27 @@ use std::time::SystemTime;
 const REMOVED: &str = ".removed-";
 
 /// A store in the cache.
-pub(super) struct Entry {
-    pub(super) path: PathBuf,
-    pub(super) bytes: u64,
+pub struct Entry {
+    /// The store.
+    pub path: PathBuf,
+    /// Bytes on the disk.
+    pub bytes: u64,
     /// When it was last used, or made.
-    pub(super) used: SystemTime,
+    pub used: SystemTime,
     /// Whether this version of the program may use it.
-    pub(super) current: bool,
+    pub current: bool,
 }
 
 impl Entry {
     /// The name of its folder.
-    pub(super) fn name(&self) -> String {
+    pub fn name(&self) -> String {
         self.path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
     }
 }
 
 impl Cache {
     /// All stores, those first that go first: of other formats, then those whose last use is longest ago.
-    pub(super) fn entries(&self) -> Vec<Entry> {
+    pub fn entries(&self) -> Vec<Entry> {
         let current = format!("stores-v{FORMAT_VERSION}");
         let mut all = Vec::new();
         // Stores beside the folders of the formats are of versions that had no such folders.
@@ -53,7 +56,7 @@ impl Cache {
     ///
     /// # Errors
     /// When the file that says so is not a number.
-    pub(super) fn limit(&self) -> Result<Option<u64>> {
+    pub fn limit(&self) -> Result<Option<u64>> {
         let path = self.folder.join("limit");
         let Ok(text) = fs::read_to_string(&path) else { return Ok(Some(DEFAULT_LIMIT)) };
         match text.trim() {
@@ -69,7 +72,7 @@ impl Cache {
     ///
     /// # Errors
     /// When the limit is not a number, or the system refuses.
-    pub(super) fn evict(&self, console: &Console) -> Result<()> {
+    pub fn evict(&self, note: &Note<'_>) -> Result<()> {
         self.sweep();
         let Some(limit) = self.limit()? else { return Ok(()) };
         let entries = self.entries();
@@ -81,32 +84,64 @@ impl Cache {
             if remove(&entry.path)? {
                 held -= entry.bytes;
                 let (name, size, limit) = (entry.name(), entry.bytes as f64, limit as f64);
-                console.note(format!(
+                note(&format!(
                     "{name} ({}) left the cache, which may hold {}: isolume cache limit",
-                    text::bytes(size),
-                    text::bytes(limit)
+                    quantity::bytes(size),
+                    quantity::bytes(limit)
                 ));
             }
         }
         if held > limit {
-            console.note(format!(
+            note(&format!(
                 "the cache holds {}, above its limit of {}; what is in use stays",
-                text::bytes(held as f64),
-                text::bytes(limit as f64)
+                quantity::bytes(held as f64),
+                quantity::bytes(limit as f64)
             ));
         }
         Ok(())
     }
 
     /// As [`Cache::evict`], after work that is done: what goes wrong is a note.
-    pub(crate) fn tidy(&self, console: &Console) {
-        if let Err(error) = self.evict(console) {
-            console.note(format!("the cache keeps what it has: {error}"));
+    pub fn tidy(&self, note: &Note<'_>) {
+        if let Err(error) = self.evict(note) {
+            note(&format!("the cache keeps what it has: {error}"));
         }
     }
 
+    /// Sets the most bytes that it may hold, and deletes what is too much.
+    ///
+    /// # Errors
+    /// When the file that says so cannot be written; as [`Self::evict`].
+    pub fn set_limit(&self, limit: Option<u64>, note: &Note<'_>) -> Result<()> {
+        let text = limit.map_or("none".into(), |bytes| bytes.to_string());
+        atomic::write_bytes(self.folder.join("limit"), text.as_bytes())?;
+        self.evict(note)
+    }
+
+    /// Deletes the stores of these names, or all: those that went, and those that stay because they are in use.
+    ///
+    /// # Errors
+    /// When there is none of a name, or the system refuses.
+    pub fn clear(&self, names: &[String]) -> Result<(Vec<Entry>, Vec<Entry>)> {
+        self.sweep();
+        let entries = self.entries();
+        if let Some(unknown) = names.iter().find(|name| entries.iter().all(|entry| entry.name() != **name)) {
+            let known: Vec<String> = entries.iter().map(|entry| entry.name()).collect();
+            let remedy = match nearest(unknown, known.iter().map(String::as_str)) {
+                Some(near) => format!("did you mean {near}?"),
+                None => "see isolume cache list".into(),
+            };
+            return Err(Error::argument("store", unknown, "a store in the cache", remedy));
+        }
+        let (mut gone, mut kept) = (Vec::new(), Vec::new());
+        for entry in entries.into_iter().filter(|entry| names.is_empty() || names.contains(&entry.name())) {
+            if remove(&entry.path)? { gone.push(entry) } else { kept.push(entry) }
+        }
+        Ok((gone, kept))
+    }
+
     /// Deletes what a killed process had begun to delete.
-    pub(super) fn sweep(&self) {
+    fn sweep(&self) {
         let folders = below(&self.folder).chain(std::iter::once(self.folder.clone()));
         for path in folders.collect::<Vec<_>>().iter().flat_map(|folder| below(folder)) {
             if name_of(&path).starts_with(REMOVED) {
@@ -117,7 +152,7 @@ impl Cache {
 }
 
 /// Deletes a store; `false` where it is in use or already gone.
-pub(super) fn remove(path: &Path) -> Result<bool> {
+fn remove(path: &Path) -> Result<bool> {
     let failed = |e| Error::io(path, "delete the store", e);
     let mark = path.with_extension("use");
     let file = match OpenOptions::new().write(true).open(&mark) {

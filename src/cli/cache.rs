@@ -1,14 +1,12 @@
-//! `isolume cache`: what is in the cache, and how much may be.
+//! `isolume cache`: what is in the cache of the user, and how much may be.
 
-use super::Cache;
-use super::evict::remove;
-use crate::cli::console::Console;
-use crate::cli::options::parse_bytes;
-use crate::cli::{Outcome, text};
-use crate::error::Error;
+use super::console::Console;
+use super::options::parse_bytes;
+use super::{Failure, Outcome, text};
+use crate::cache::Cache;
 use clap::Subcommand;
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Look at the stores that relight and view keep of volumes, delete them, limit their size
@@ -17,7 +15,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
   isolume cache
   isolume cache clear
   isolume cache limit 50GB")]
-pub(in crate::cli) struct CacheCommand {
+pub(super) struct CacheCommand {
     #[command(subcommand)]
     action: Option<Action>,
     /// The cache, as given to relight [default: the user's cache folder]
@@ -53,8 +51,8 @@ fn parse_limit(text: &str) -> Result<Limit, String> {
 }
 
 impl CacheCommand {
-    pub(in crate::cli) fn run(&self, console: &Console) -> Outcome {
-        let cache = Cache::locate(self.cache.as_deref())?;
+    pub(super) fn run(&self, console: &Console) -> Outcome {
+        let cache = locate(self.cache.as_deref())?;
         match &self.action {
             None | Some(Action::List) => list(&cache, console),
             Some(Action::Clear { names }) => clear(&cache, names, console),
@@ -75,7 +73,7 @@ fn list(cache: &Cache, console: &Console) -> Outcome {
     let stores = if entries.len() == 1 { "store" } else { "stores" };
     console.print(format!(
         "{}: {} {stores}, {}, {bound}",
-        cache.folder.display(),
+        cache.folder().display(),
         entries.len(),
         text::bytes(total as f64)
     ));
@@ -83,7 +81,7 @@ fn list(cache: &Cache, console: &Console) -> Outcome {
         console.print(text::table(&rows));
     }
     console.print_json(&json!({
-        "folder": cache.folder.display().to_string(), "bytes": total, "limit": limit,
+        "folder": cache.folder().display().to_string(), "bytes": total, "limit": limit,
         "stores": entries.iter().rev().map(|entry| json!({
             "path": entry.path.display().to_string(), "bytes": entry.bytes, "current_format": entry.current,
             "last_used_unix": entry.used.duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs()),
@@ -93,46 +91,44 @@ fn list(cache: &Cache, console: &Console) -> Outcome {
 }
 
 fn clear(cache: &Cache, names: &[String], console: &Console) -> Outcome {
-    cache.sweep();
-    let entries = cache.entries();
-    if let Some(unknown) = names.iter().find(|name| entries.iter().all(|entry| entry.name() != **name)) {
-        let known: Vec<String> = entries.iter().map(|entry| entry.name()).collect();
-        let remedy = match text::nearest(unknown, known.iter().map(String::as_str)) {
-            Some(near) => format!("did you mean {near}?"),
-            None => "see isolume cache list".into(),
-        };
-        return Err(Error::argument("store", unknown, "a store in the cache", remedy).into());
-    }
-    let (mut removed, mut bytes, mut kept) = (Vec::new(), 0, 0);
-    for entry in entries.iter().filter(|entry| names.is_empty() || names.contains(&entry.name())) {
-        if remove(&entry.path)? {
-            removed.push(entry.path.display().to_string());
-            bytes += entry.bytes;
-        } else {
-            kept += 1;
-            console.note(format!("{} is in use and stays", entry.name()));
-        }
-    }
+    let (gone, kept) = cache.clear(names)?;
+    kept.iter().for_each(|entry| console.note(format!("{} is in use and stays", entry.name())));
+    let removed: Vec<String> = gone.iter().map(|entry| entry.path.display().to_string()).collect();
+    let bytes: u64 = gone.iter().map(|entry| entry.bytes).sum();
     let stores = if removed.len() == 1 { "store" } else { "stores" };
     console.print(format!("{} {stores} deleted, {}", removed.len(), text::bytes(bytes as f64)));
-    console.print_json(&json!({ "removed": removed, "bytes": bytes, "in_use": kept }));
+    console.print_json(&json!({ "removed": removed, "bytes": bytes, "in_use": kept.len() }));
     Ok(())
 }
 
 fn limit(cache: &Cache, size: Option<Limit>, console: &Console) -> Outcome {
     if let Some(Limit(size)) = size {
-        cache.prepare()?;
-        let path = cache.folder.join("limit");
-        let text = size.map_or("none".into(), |bytes| bytes.to_string());
-        crate::export::atomic::write(&path, |w| {
-            std::io::Write::write_all(w, text.as_bytes()).map_err(|e| Error::io(&path, "write", e))
-        })?;
-        cache.evict(console)?;
+        prepare(cache)?;
+        cache.set_limit(size, &|text| console.note(text))?;
     }
     let limit = cache.limit()?;
     console.print(limit.map_or("no limit".into(), |limit| text::bytes(limit as f64)));
     console.print_json(&json!({ "limit": limit }));
     Ok(())
+}
+
+/// The cache in the folder that the user gave, or in that of the system.
+pub(crate) fn locate(given: Option<&Path>) -> Outcome<Cache> {
+    let of_system = || directories::ProjectDirs::from("", "", "isolume").map(|f| f.cache_dir().to_path_buf());
+    given.map(Path::to_path_buf).or_else(of_system).map(Cache::at).ok_or_else(|| {
+        Failure::Message("this system has no cache folder for the user: name one with --cache DIR".into())
+    })
+}
+
+/// Makes the folder of the stores, and tries to write there.
+pub(crate) fn prepare(cache: &Cache) -> Outcome {
+    cache.prepare().map_err(|e| {
+        Failure::Message(format!(
+            "cannot write into the cache folder {}: {e}; name another one with --cache DIR, or bake into a store of \
+             your own: isolume bake",
+            cache.stores().display()
+        ))
+    })
 }
 
 /// How long ago, roughly.

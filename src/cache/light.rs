@@ -1,0 +1,60 @@
+//! The light that the errors of a bake are measured by.
+
+use crate::bake::ForLight;
+use crate::error::Result;
+use crate::geom::Up;
+use crate::probe::{EnvFrame, Orientation, Probe};
+use crate::session::{LightOptions, Lighting};
+use crate::sh::Coefficients;
+use crate::transfer::Layers;
+
+/// An environment that errors are measured by, on a surface of one albedo, as it stands around what has an axis up, turned by
+/// so many degrees.
+///
+/// # Errors
+/// When the rotation is not finite.
+pub fn for_light(
+    probe: &Probe,
+    (up, rotation, frame): (Up, f64, EnvFrame),
+    bands: usize,
+    albedo: f32,
+) -> Result<ForLight> {
+    let light = probe.coefficients_in_world(bands, Orientation::new(up, rotation)?.in_frame(frame));
+    // In the OpenEXR frame it has the bare name, as in stores from before there was another.
+    let name_in_store = match frame {
+        EnvFrame::OpenExr => probe.name.clone(),
+        EnvFrame::Gltf => format!("{} in the frame of glTF", probe.name),
+    };
+    Ok(ForLight { name: probe.name.clone(), name_in_store, light, direct: None, albedo })
+}
+
+/// The environments that surfaces of one albedo will be lit by, as they will be.
+///
+/// # Errors
+/// As [`Lighting::new`].
+pub fn lights(
+    probes: &[Probe],
+    (up, layers): (Up, &Layers),
+    options: &LightOptions,
+    albedo: f32,
+) -> Result<Vec<ForLight>> {
+    let each = probes.iter().map(|probe| {
+        let lighting = Lighting::new(probe, up, layers, options)?;
+        let of_layer = |k: usize| -> [Coefficients; 3] {
+            let rgb = lighting.light().coefficients(k);
+            let bands = lighting.light().bands(k);
+            let mut channels = [(); 3].map(|()| Coefficients::zero(bands));
+            for (c, channel) in channels.iter_mut().enumerate() {
+                channel.values_mut().iter_mut().zip(rgb).for_each(|(to, from)| *to = from[c]);
+            }
+            channels
+        };
+        let turned = match options.rotation_degrees {
+            0.0 => String::new(),
+            degrees => format!(" turned {degrees}°"),
+        };
+        let name_in_store = format!("{}{turned}", probe.name);
+        Ok(ForLight { name: probe.name.clone(), name_in_store, light: of_layer(1), direct: Some(of_layer(0)), albedo })
+    });
+    each.collect()
+}

@@ -1,0 +1,74 @@
+//! What the page shows of a store.
+
+use super::{Options, Package, Subject, Surrounded, pack};
+use crate::error::Result;
+use crate::probe::Probe;
+use crate::session::Groups;
+use crate::transfer::store::{Completeness, SceneIdentity, Store};
+use crate::volume::Isovalue;
+
+/// What the page shows of a store: `isovalue` to begin with, `rotation` of the environment in a scene, and whether a bake that is not
+/// finished will do.
+pub fn package_of(
+    store: &Store,
+    probes: &[Probe],
+    (isovalue, rotation, partial): (Isovalue, f64, bool),
+    options: &Options,
+) -> Result<Package> {
+    let volume = store.volume()?;
+    Completeness::of(store, &volume)?.check(store, partial)?;
+    let held = store.holdings()?;
+    store.check_texture(&held, "the page")?;
+    let isovalue = match held.in_texture.first() {
+        Some(&first) if !held.all && isovalue == Isovalue::Auto => first,
+        _ => isovalue.resolve(&volume, Some(volume.solid), None)?.value,
+    };
+    let identity = store.identity();
+    let surroundings = identity.scene.as_ref();
+    let layout = store.layout();
+    let triple = |[x, y, z]: [usize; 3]| format!("{x} × {y} × {z}");
+    let rays = if held.rays[0] == held.rays[1] {
+        held.rays[0].to_string()
+    } else {
+        format!("{} to {}", held.rays[0], held.rays[1])
+    };
+    let mut about = vec![
+        ("volume", format!("{}, {} samples", volume.name, triple(volume.dims()))),
+        ("solid", format!("{} the isovalue", identity.solid)),
+        ("texture", format!("{} texels", triple(layout.lattice.texels()))),
+        ("layers", format!("{} with {:?} bands", layout.layers.len(), layout.layers.bands())),
+        ("estimator", format!("{}, {rays} rays a texel, seed {}", identity.estimator, identity.seed)),
+        ("isovalues", held.isovalues_text()),
+        ("store", identity.hash()[..16].to_string()),
+        ("program", concat!("isolume ", env!("CARGO_PKG_VERSION")).into()),
+    ];
+    about.splice(1..1, surroundings.iter().flat_map(|scene| about_surroundings(scene)));
+    let groups = Groups::open(store, &[])?;
+    let subject = Subject {
+        volume: &volume,
+        textures: &groups.textures()?,
+        surrounded: surroundings.map(|identity| Surrounded { identity, rotation }),
+        isovalues: (!held.all).then(|| held.in_texture.clone()),
+        about: about.into_iter().map(|(name, text)| (name.to_string(), text)).collect(),
+        probes,
+        isovalue,
+    };
+    pack(&subject, options)
+}
+
+/// What stands around the volume, for the page.
+fn about_surroundings(scene: &SceneIdentity) -> Vec<(&'static str, String)> {
+    let mut about = Vec::new();
+    if scene.coupling.is_none() || !scene.luminaires.is_empty() {
+        about.push(("walls", "in the light of the surface, not drawn".into()));
+    }
+    if !scene.luminaires.is_empty() {
+        about.push(("luminaires", scene.luminaires.join(", ")));
+    }
+    if let Some(coupling) = &scene.coupling {
+        let names: Vec<&str> = coupling.partners.iter().map(|p| p.name.as_str()).collect();
+        let others = format!("{}, in the light of the surface, not drawn: --volume NAME shows one", names.join(", "));
+        about.push(("other volumes", others));
+    }
+    about
+}
