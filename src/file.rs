@@ -191,6 +191,11 @@ pub fn check_folder(path: &Path) -> Result<()> {
     tempfile::Builder::new().prefix(".isolume-").tempfile_in(folder).map(drop).map_err(|e| Error::io(path, "write", e))
 }
 
+/// A name as a part of a file name.
+pub fn clean(name: &str) -> String {
+    name.chars().map(|c| if c.is_alphanumeric() || "-_.+".contains(c) { c } else { '_' }).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -107,8 +107,10 @@
 //! | [`export`] | GLB, PLY, PNG, VTI, NRRD, contact sheets, atomic files | volumes, SH, light |
 //! | [`session`] | a store, its surfaces, and light on them: meshes and pictures, step by step | the bake, the clock |
 //! | [`cache`] | stores of volumes that are lit without a bake of their own: their place, drafts before them, what leaves | how a store is lit |
+//! | [`demo`] | the demonstration: a small brain, inside the program, baked and lit | the clock |
 //! | [`mod@compare`] | the store against paths and photons on the same surface, the budget of its errors, pictures of the difference | the clock |
 //! | [`study`] | what accuracy costs: settings against one reference, the front, the figure; where samples of a texture should lie | the clock |
+//! | [`inspect`] | what is in a volume or a store, what is unusual about a file, how far a bake has come | what is done about it |
 //! | [`view`] | the live page and its data, as bytes; the server of the page, with the feature `cli` | solvers, and outside the server sockets |
 //! | `cli` | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
 //! | `python` | the same calls on arrays of NumPy (feature `python`) | how anything is computed |
@@ -171,9 +173,13 @@ pub mod session;
 #[doc(hidden)]
 pub mod cache;
 #[doc(hidden)]
+pub mod demo;
+#[doc(hidden)]
 pub mod compare;
 #[doc(hidden)]
 pub mod study;
+#[doc(hidden)]
+pub mod inspect;
 #[doc(hidden)]
 pub mod view;
 #[cfg(feature = "cli")]

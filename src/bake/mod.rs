@@ -7,6 +7,8 @@
 
 mod builder;
 mod checks;
+#[doc(hidden)]
+pub mod cluster;
 mod deal;
 mod goal;
 mod memory;

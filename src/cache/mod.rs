@@ -20,8 +20,7 @@ pub use members::MemberBakes;
 
 use crate::bake::{Report, Request};
 use crate::error::{Error, Result};
-use crate::export::target::clean;
-use crate::file::size_on_disk;
+use crate::file::{clean, size_on_disk};
 use crate::quantity;
 use crate::transfer::store::{FORMAT_VERSION, Store, StoreLock};
 use std::fs::{File, OpenOptions};

@@ -1,6 +1,6 @@
 //! `isolume bake`: fills a transfer store.
 
-use super::bake_report::Told;
+use super::bake_report;
 use super::baking::fill;
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
@@ -239,12 +239,12 @@ impl Bake {
         };
         let (store, report) = fill(&job, target, start, console)?;
         let bytes = size_on_disk(target);
-        console.summary(text::file_line(path, &report.summary_line(bytes)));
-        console.detail(report.lines(bytes));
+        console.summary(text::file_line(path, &bake_report::summary_line(&report, bytes)));
+        console.detail(bake_report::lines(&report, bytes));
         Ok(Some(json!({
             "store": file_name(&path.display().to_string()),
             "identity": store.identity(),
-            "bake": report.json(bytes),
+            "bake": report.to_json(bytes),
         })))
     }
 }

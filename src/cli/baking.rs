@@ -1,6 +1,6 @@
 //! A bake that the console watches.
 
-use super::bake_report::Told;
+use super::bake_report;
 use super::console::{Console, interrupts};
 use super::{plan_table, signals};
 use crate::bake::{self, Observer, Report, Request, Task};
@@ -35,7 +35,7 @@ pub(super) fn filler(start: Instant, console: &Console) -> impl Fn(&Request<'_>,
 /// Prints details of what was baked into the cache.
 pub(super) fn details(filled: &Filled, console: &Console) {
     if filled.report.chunks_baked > 0 {
-        console.detail(filled.report.lines(size_on_disk(filled.store.path())));
+        console.detail(bake_report::lines(&filled.report, size_on_disk(filled.store.path())));
     }
 }
 

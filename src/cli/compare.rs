@@ -156,7 +156,7 @@ impl Compare {
             paths: self.paths,
             texel_rays: self.texel_rays,
             against: match self.against {
-                Against::Path => crate::compare::Against::Paths,
+                Against::Path => crate::compare::Against::Nothing,
                 Against::Photon => crate::compare::Against::Photons(&by_photons),
                 Against::Geometry => crate::compare::Against::Geometry { list: self.list_points },
             },

@@ -3,16 +3,11 @@
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::Isovalue;
-use super::{Failure, Outcome, input, text};
-use crate::error::{Error, Result};
+use super::{Failure, Outcome, text};
 use crate::finding::Finding;
-use crate::probe::{self, Layout, ReadOptions};
-use crate::transfer::store::{self, Store, complete};
-use crate::volume;
-use crate::{level, volume::field};
-use serde_json::{Value, json};
-use std::io::Read;
-use std::path::Path;
+use crate::inspect::{Diagnosed, Looked};
+use crate::probe::Layout;
+use serde_json::json;
 
 /// Say what is unusual about a volume, an environment or a store, and what is done about it
 ///
@@ -45,34 +40,12 @@ pub(super) struct Doctor {
     volume: VolumeArgs,
 }
 
-/// Columns of text that lines are broken at.
-const WIDTH: usize = text::WIDTH;
-
-/// What a file turned out to be.
-enum Kind {
-    Volume,
-    Probe,
-    Store,
-}
-
-/// One line about the whole, the same for machines, and the findings.
-struct Diagnosis {
-    summary: String,
-    facts: Value,
-    findings: Vec<Finding>,
-}
-
 impl Doctor {
     pub(super) fn run(&self, console: &Console) -> Outcome {
-        let kind = kind_of(&self.input)?;
-        let (name, diagnosis) = match kind {
-            Kind::Volume => ("volume", self.volume()?),
-            Kind::Probe => ("probe", self.probe()?),
-            Kind::Store => ("store", store_at(&self.input)?),
-        };
-        let Diagnosis { summary, facts, findings } = diagnosis;
-        console.print(wrapped(&format!("{}: {summary}", file_name(&self.input)), "  ").trim_start());
-        for finding in &findings {
+        let found = Diagnosed::of(&self.input, &self.volume.options(), self.isovalue, self.layout)?;
+        let (name, findings) = (file_name(&self.input), &found.findings);
+        console.print(wrapped(&format!("{name}: {}", summary(&found.looked)), "  ").trim_start());
+        for finding in findings {
             console.print("");
             console.print(lines(finding));
         }
@@ -83,143 +56,52 @@ impl Doctor {
         };
         console.print(format!("\n{ending}"));
         console.print_json(&json!({
-            "file": self.input, "kind": name, "summary": facts, "findings": findings,
+            "file": self.input, "kind": found.kind(), "summary": found.facts(), "findings": findings,
         }));
-        match findings.iter().filter(|f| f.is_damage()).count() {
-            0 => Ok(()),
-            _ => Err(Failure::Message(format!("{} is damaged", file_name(&self.input)))),
+        match findings.iter().any(Finding::is_damage) {
+            false => Ok(()),
+            true => Err(Failure::Message(format!("{name} is damaged"))),
         }
-    }
-
-    fn volume(&self) -> Outcome<Diagnosis> {
-        let mut opened = input::open(&self.input, &self.volume)?;
-        let (low, high) = opened.volume.value_range();
-        // An isovalue that was asked for and does not exist is a finding; `auto` finds one wherever there is one.
-        let (isovalue, reason) = match opened.choose(self.isovalue) {
-            Ok(chosen) => {
-                opened.take_side(std::slice::from_ref(&chosen))?;
-                (Some(chosen.value), chosen.reason)
-            }
-            Err(_) => match self.isovalue {
-                Isovalue::Value(value) => (Some(value), None),
-                Isovalue::Percent(part) => (Some(low + part / 100.0 * (high - low)), None),
-                _ => (None, None),
-            },
-        };
-        let volume = &*opened.volume;
-        let mut findings = volume::diagnose::diagnose(volume, isovalue);
-        if let Some(isovalue) = isovalue {
-            findings.extend(level::diagnose::diagnose(volume, isovalue));
-        }
-        let [x, y, z] = volume.dims();
-        let mut summary = format!(
-            "a volume of {x} × {y} × {z} {}, values {} to {}",
-            volume.samples().type_name(),
-            text::number(low, 8),
-            text::number(high, 8)
-        );
-        if let Some(isovalue) = isovalue {
-            summary += &format!("; surface at {}", text::number(isovalue, 6));
-        }
-        if let Some(reason) = &reason {
-            summary += &format!(" ({reason})");
-        }
-        let facts = json!({
-            "name": volume.name, "dims": volume.dims(), "type": volume.samples().type_name(), "range": [low, high],
-            "isovalue": isovalue, "isovalue_reason": reason,
-        });
-        Ok(Diagnosis { summary, facts, findings })
-    }
-
-    fn probe(&self) -> Result<Diagnosis> {
-        let probe = match probe::by_name(&self.input)? {
-            Some(probe) => probe,
-            // Negative pixels are set to 0 with a note that counts them, as relight does.
-            None => probe::open(&self.input, &ReadOptions { layout: self.layout, ..ReadOptions::default() })?,
-        };
-        let r = probe::report(&probe, 5);
-        let [width, height] = probe.stored_size;
-        let summary = format!(
-            "an environment, {} {}, {width} × {height}, {:.1} stops, mean luminance {}",
-            probe.format,
-            probe.layout,
-            r.range_ev,
-            text::number(r.mean_luminance, 4)
-        );
-        let facts = json!({
-            "name": probe.name, "format": probe.format, "layout": probe.layout.name(), "size": probe.stored_size,
-            "range_ev": r.range_ev, "mean_luminance": r.mean_luminance, "bad_pixels": r.bad_pixels,
-        });
-        Ok(Diagnosis { summary, facts, findings: probe::diagnose(&probe) })
     }
 }
 
-fn store_at(argument: &str) -> Result<Diagnosis> {
-    let store = Store::open(argument)?;
-    let lattice = store.layout().lattice;
-    let found = store::diagnose(&store, &|volume, held| complete::selection(lattice, volume, held))?;
-    let identity = store.identity();
-    let [x, y, z] = identity.texels;
-    let bytes = crate::file::size_on_disk(Path::new(argument));
-    let summary = format!(
-        "a store of {x} × {y} × {z} texels, {} layers with {:?} bands, isovalues {}, {} of {} chunks sound, {}, {}",
-        identity.bands.len(),
-        identity.bands,
-        found.held.isovalues_text(),
-        found.sound,
-        found.chunks,
-        found.held.quality_text(),
-        text::bytes(bytes as f64)
-    );
-    let held = &found.held;
-    let isovalues = if held.all { json!("all") } else { json!(held.isovalues) };
-    let facts = json!({
-        "identity": identity, "chunks": found.chunks, "sound": found.sound, "bricks": found.bricks,
-        "isovalues": isovalues, "rays": held.rays, "error_targets": held.targets, "bytes": bytes,
-    });
-    let mut findings = found.findings;
-    // The other volumes of a scene.
-    let volumes = store.volumes()?;
-    for name in volumes.split_first().map_or(&[][..], |(_, others)| others) {
-        let other = store.of_volume(name)?;
-        let lattice = other.layout().lattice;
-        findings.extend(store::diagnose(&other, &|volume, held| complete::selection(lattice, volume, held))?.findings);
-    }
-    Ok(Diagnosis { summary, facts, findings })
-}
-
-/// What an argument is: a name first, then a directory, then the first bytes of a file.
-fn kind_of(argument: &str) -> Result<Kind> {
-    if field::by_name(argument)?.is_some() {
-        return Ok(Kind::Volume);
-    }
-    if probe::by_name(argument)?.is_some() {
-        return Ok(Kind::Probe);
-    }
-    let path = Path::new(argument);
-    let Ok(metadata) = path.metadata() else { return Ok(Kind::Volume) }; // It says what is missing.
-    if store::is_store(argument) {
-        return Ok(Kind::Store);
-    }
-    if !metadata.is_file() {
-        return Ok(Kind::Volume);
-    }
-    let mut head = Vec::new();
-    let file = std::fs::File::open(path).map_err(|e| Error::io(path, "open", e))?;
-    file.take(8).read_to_end(&mut head).map_err(|e| Error::io(path, "read", e))?;
-    Ok(match head.as_slice() {
-        b"" => return Err(empty(path)),
-        [0x76, 0x2f, 0x31, 0x01, ..] | [b'#', b'?', ..] | [0x89, b'P', b'N', b'G', ..] | [0xff, 0xd8, 0xff, ..] => {
-            Kind::Probe
+/// One line about the whole.
+fn summary(looked: &Looked) -> String {
+    match looked {
+        Looked::Volume { member, isovalue, reason } => {
+            let ([x, y, z], (low, high)) = (member.volume.dims(), member.volume.value_range());
+            let [low, high] = [low, high].map(|v| text::number(v, 8));
+            let at = isovalue.map(|c| format!("; surface at {}", text::number(c, 6))).unwrap_or_default();
+            let why = reason.as_ref().map(|reason| format!(" ({reason})")).unwrap_or_default();
+            let kind = member.volume.samples().type_name();
+            format!("a volume of {x} × {y} × {z} {kind}, values {low} to {high}{at}{why}")
         }
-        [b'P', b'K', 3, 4, ..] => Kind::Store,
-        _ => Kind::Volume,
-    })
-}
-
-fn empty(path: &Path) -> Error {
-    let expected = "a volume, an environment image or a store";
-    Error::format("file", "an empty file", expected, "check how it was written or copied").in_file(path)
+        Looked::Probe(looked) => {
+            let (probe, r) = &**looked;
+            let [width, height] = probe.stored_size;
+            format!(
+                "an environment, {} {}, {width} × {height}, {:.1} stops, mean luminance {}",
+                probe.format,
+                probe.layout,
+                r.range_ev,
+                text::number(r.mean_luminance, 4)
+            )
+        }
+        Looked::Store(store, found, bytes) => {
+            let identity = store.identity();
+            let [x, y, z] = identity.texels;
+            format!(
+                "a store of {x} × {y} × {z} texels, {} layers with {:?} bands, isovalues {}, {} of {} chunks sound, {}, {}",
+                identity.bands.len(),
+                identity.bands,
+                found.held.isovalues_text(),
+                found.sound,
+                found.chunks,
+                found.held.quality_text(),
+                text::bytes(*bytes as f64)
+            )
+        }
+    }
 }
 
 /// A finding for people: what and how much, then, further in, what is done about it.
@@ -250,13 +132,13 @@ fn share(share: f64) -> String {
     }
 }
 
-/// Lines of at most [`WIDTH`] columns, each behind a line feed and an indent.
+/// Lines of at most [`text::WIDTH`] columns, each behind a line feed and an indent.
 fn wrapped(line: &str, indent: &str) -> String {
     let mut out = String::new();
     let mut column = 0;
     for word in line.split_whitespace() {
         let length = word.chars().count();
-        if column == 0 || column + 1 + length > WIDTH {
+        if column == 0 || column + 1 + length > text::WIDTH {
             out.push('\n');
             out.push_str(indent);
             column = indent.len();

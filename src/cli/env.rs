@@ -4,10 +4,10 @@ use super::console::Console;
 use super::light::parse_layout;
 use super::{Failure, Outcome, text};
 use crate::error::{Error, Result};
-use crate::export::atomic;
 use crate::export::inputs::Inputs;
 use crate::export::target::check_file;
-use crate::probe::{LatLong, Layout, Orientation, Probe, Report, report};
+use crate::export::{atomic, hdr};
+use crate::probe::{LatLong, Layout, Probe, Report, report};
 use crate::scene::open_probe;
 use clap::Subcommand;
 use serde_json::json;
@@ -209,20 +209,10 @@ fn project(probe: &Probe, bands: usize, output: Option<&Path>, console: &Console
     if let Some(path) = output {
         check_file(path)?;
     }
-    let [r, g, b] = probe.coefficients(bands);
-    let rows: Vec<[f64; 3]> = (0..bands * bands).map(|i| [r.values()[i], g.values()[i], b.values()[i]]).collect();
-    let value = json!({
-        "name": probe.name,
-        "bands": bands,
-        "convention": "real orthonormal, no Condon-Shortley sign, index l(l+1)+m; glTF frame: y up, the image's centre is +x, +z three quarters from the left; linear Rec.709",
-        "rgb": rows,
-    });
+    let value = probe.projection_json(bands);
     match output {
         Some(path) => {
-            let text = format!("{value:#}\n");
-            atomic::write(path, |w| {
-                std::io::Write::write_all(w, text.as_bytes()).map_err(|e| Error::io("", "write", e))
-            })?;
+            atomic::write_bytes(path, format!("{value:#}\n").as_bytes())?;
             console.summary(text::file_line(path, &format!("{} coefficients", bands * bands)));
             console.print_json(&value);
         }
@@ -232,20 +222,9 @@ fn project(probe: &Probe, bands: usize, output: Option<&Path>, console: &Console
     Ok(())
 }
 
-/// The image turned counter-clockwise about up; each pixel takes the value at its centre.
-fn turned(image: &LatLong, degrees: f64) -> Result<LatLong> {
-    let probe_from_turned = Orientation::new(crate::geom::Up::Y, degrees)?.probe_from_world();
-    let (width, height) = (image.width(), image.height());
-    let pixel = |i: usize| {
-        let (x, y) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-        image.radiance(probe_from_turned * image.direction_from_pixel(x, y))
-    };
-    LatLong::new(width, height, (0..width * height).map(pixel).collect())
-}
-
 fn rotate(probe: &Probe, degrees: f64, output: &Path, console: &Console) -> Outcome {
     check_hdr(output)?;
-    let image = turned(&probe.image, degrees)?;
+    let image = probe.image.turned(degrees)?;
     write_hdr(&image, output)?;
     let (width, height) = (image.width(), image.height());
     console.summary(text::file_line(output, &format!("{width} × {height}, turned by {degrees}°")));
@@ -274,40 +253,12 @@ fn check_hdr(output: &Path) -> Outcome {
 }
 
 fn write_hdr(image: &LatLong, output: &Path) -> Outcome {
-    let (width, height) = (image.width(), image.height());
-    Ok(atomic::write(output, |w| {
-        let pixels: Vec<image::Rgb<f32>> = image.pixels().iter().map(|p| image::Rgb(*p)).collect();
-        let encoder = image::codecs::hdr::HdrEncoder::new(w);
-        encoder.encode(&pixels, width, height).map_err(|e| Error::io("", "write", std::io::Error::other(e)))
-    })?)
-}
-
-/// Fewer stops than this between the brightest pixel and the mean is no high dynamic range.
-const FEWEST_STOPS: f64 = 1.0;
-fn reasons(r: &Report) -> Vec<String> {
-    let mut reasons: Vec<String> = r.notes.iter().map(|n| format!("{} ({})", n.text, text::count(n.count))).collect();
-    let bad = &r.bad_pixels;
-    let impossible = bad.nan + bad.infinite + bad.negative;
-    if impossible > 0 && reasons.is_empty() {
-        reasons.push(format!("{} pixels that no light can have", text::count(impossible)));
-    }
-    if r.mean_luminance <= 0.0 {
-        reasons.push("it is black".into());
-    } else if r.format != "formula" {
-        let stops = r.brightest_pixel.map_or(0.0, |p| (p.luminance / r.mean_luminance).log2());
-        if stops < FEWEST_STOPS {
-            reasons.push(format!("the brightest pixel is only {stops:.1} stops above the mean: was it clipped?"));
-        }
-        if r.layout == "latlong" && r.stored_size[0] != 2 * r.stored_size[1] {
-            reasons.push(format!("{} × {} is not 2:1", r.stored_size[0], r.stored_size[1]));
-        }
-    }
-    reasons
+    Ok(atomic::write(output, |w| hdr::write(w, image.pixels(), [image.width(), image.height()]))?)
 }
 
 fn check(probe: &Probe, console: &Console) -> Outcome {
     let r = report(probe, 5);
-    let reasons = reasons(&r);
+    let reasons = r.unusual();
     console.print_json(&json!({ "name": r.name, "usual": reasons.is_empty(), "reasons": reasons }));
     if reasons.is_empty() {
         console.print(format!("{}: nothing unusual", r.name));

@@ -1,7 +1,7 @@
 //! `isolume export`: the relit texture as a volume for other programs.
 
 use super::console::Console;
-use super::light::{LightArgs, MaterialArgs, by_option, sentence};
+use super::light::{LightArgs, MaterialArgs, by_option};
 use super::{Outcome, text};
 use crate::error::Error;
 use crate::export::atomic;
@@ -76,7 +76,7 @@ impl Export {
         let probe = open_probe(&self.env, self.light.keep_negative, self.light.layout)?;
         let lighting =
             Lighting::new(&probe, volume.up, &layout.layers, &self.light.options(SunSplit::Off)).map_err(by_option)?;
-        lighting.notes().iter().for_each(|note| console.note(sentence(&probe.name, note)));
+        lighting.notes().iter().for_each(|note| console.note(note.sentence(&probe.name)));
         let field =
             RelitField::new(&store, &volume, &lighting, &material, &self.light.luminaires).map_err(by_option)?;
         let lit = field.lit();

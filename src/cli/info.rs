@@ -4,19 +4,12 @@ mod watch;
 
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
-use super::isovalue::{Chosen, Isovalue};
+use super::isovalue::Chosen;
 use super::{Outcome, input, text};
-use crate::error::{Error, Result};
-use crate::file;
-use crate::geom::Affine;
-use crate::transfer::store::Completeness;
-use crate::transfer::store::{Store, is_store};
-use crate::transfer::texels_of_isosurface;
-use crate::transfer::{BRICK_TEXELS, Lattice, Layers, Layout, Selection};
-use crate::volume::isovalue::overview;
-use crate::volume::{LengthUnit, Series, Solid, Volume};
-use serde_json::json;
-use std::path::Path;
+use crate::error::Error;
+use crate::inspect::{StoreFacts, VolumeFacts, solid_text};
+use crate::transfer::store::is_store;
+use crate::volume::{Series, Volume};
 use std::time::Duration;
 
 /// Show what is in a volume or a transfer store
@@ -36,7 +29,6 @@ pub(super) struct Info {
     every: f64,
 }
 
-const BINS: usize = 64;
 /// Metres in the atomic unit of length (CODATA 2018).
 const BOHR: f64 = 5.291_772_109_03e-11;
 
@@ -56,17 +48,15 @@ impl Info {
         let opened = input::look_at(&self.input, &self.volume)?;
         let volume = &opened.volume;
         let (low, high) = volume.value_range();
-        let histogram = overview(volume, BINS);
-        let suggested = opened.choose(Isovalue::Auto).ok();
+        let facts = VolumeFacts::of(&opened);
         let mut rows = volume_rows(volume);
         rows.push(row("values", format!("{} to {}", text::number(low, 8), text::number(high, 8))));
-        rows.push(row("histogram", text::sparkline(&histogram)));
+        rows.push(row("histogram", text::sparkline(&facts.histogram)));
         rows.push(row("", "square root of the counts, over the range of the values".into()));
-        if let Some(chosen) = &suggested {
+        if let Some(chosen) = &facts.suggested {
             rows.extend(isovalue_rows(chosen));
         }
-        let estimate = suggested.as_ref().and_then(|c| Estimate::new(volume, c.value).ok());
-        if let Some(e) = &estimate {
+        if let Some(e) = &facts.estimate {
             rows.push(row("memory", format!("{} to bake with the default options", text::bytes(e.memory as f64))));
             rows.push(row(
                 "store",
@@ -103,55 +93,17 @@ impl Info {
             rows.push(row("note", note.text.clone()));
         }
         console.print(text::table(&rows));
-        let bounds = volume.world_bounds();
-        console.print_json(&json!({
-            "name": volume.name,
-            "dims": volume.dims(),
-            "type": volume.samples().type_name(),
-            "scaling": { "slope": volume.slope(), "inter": volume.inter() },
-            "spacing": volume.world_from_grid().spacing().to_array(),
-            "world_from_grid": rows_of(volume.world_from_grid()),
-            "metres_per_unit": metres(volume),
-            "world_box": { "min": bounds.min.to_array(), "max": bounds.max.to_array() },
-            "left_handed": volume.world_from_grid().is_left_handed(),
-            "up": volume.up.name(),
-            "anatomical": volume.up.is_anatomical(),
-            "solid": solid_name(volume.solid),
-            "range": [low, high],
-            "histogram": histogram,
-            "suggested_isovalue": suggested.as_ref().map(|c| json!({
-                "value": c.value, "solid": solid_name(c.solid), "reason": c.reason, "warning": c.warning,
-                "more": c.more.iter().map(|l| l.value).collect::<Vec<_>>(),
-                "alternatives": c.alternatives.iter().map(|a| json!({ "isovalue": a.name, "value": a.level.value }))
-                    .collect::<Vec<_>>(),
-            })),
-            "channels": volume.series.channels, "channel": volume.series.channel,
-            "timepoints": volume.series.timepoints, "timepoint": volume.series.timepoint,
-            "arrays": volume.series.arrays, "array": volume.series.array,
-            "series": volume.series.scans, "series_number": volume.series.scan,
-            "levels": volume.series.levels, "level": volume.series.level,
-            "estimate": estimate.map(|e| json!({
-                "memory_bytes": e.memory, "store_bytes_all": e.all, "store_bytes_suggested": e.one,
-            })),
-            "notes": volume.notes.iter().map(|n| json!({ "text": n.text, "count": n.count })).collect::<Vec<_>>(),
-            "content_hash": volume.content_hash(),
-        }));
+        console.print_json(&facts.to_json(volume));
         Ok(())
     }
 }
 
 /// Reads a number of seconds.
-fn parse_seconds(text: &str) -> std::result::Result<f64, String> {
+fn parse_seconds(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(seconds) if (0.01..=3600.0).contains(&seconds) => Ok(seconds),
         _ => Err("give seconds from 0.01 to 3600".into()),
     }
-}
-
-/// Three rows of four numbers.
-fn rows_of(map: &Affine) -> [[f64; 4]; 3] {
-    let (linear, offset) = (map.linear(), map.offset());
-    [0, 1, 2].map(|row| [linear.x_axis[row], linear.y_axis[row], linear.z_axis[row], offset[row]])
 }
 
 fn row(name: &str, value: String) -> Vec<String> {
@@ -180,26 +132,12 @@ fn channels_text(series: &Series) -> Option<String> {
     (series.channels.len() > 1).then(|| format!("{list}; choose with --channel"))
 }
 
-fn metres(volume: &Volume) -> Option<f64> {
-    match volume.unit {
-        LengthUnit::Unknown => None,
-        LengthUnit::Metres(metres) => Some(metres),
-    }
-}
-
-fn solid_name(solid: Solid) -> &'static str {
-    match solid {
-        Solid::Above => "above the isovalue",
-        Solid::Below => "below the isovalue",
-    }
-}
-
 fn volume_rows(volume: &Volume) -> Vec<Vec<String>> {
     let d = volume.dims();
     let spacing = volume.world_from_grid().spacing();
     let bounds = volume.world_bounds();
     let point = |p: glam::DVec3| format!("({})", p.to_array().map(|v| text::number(v, 6)).join(", "));
-    let unit = match metres(volume) {
+    let unit = match volume.unit.metres() {
         None => "units the file does not name".into(),
         Some(1e-3) => "mm".to_string(),
         Some(1e-6) => "µm".into(),
@@ -229,40 +167,15 @@ fn volume_rows(volume: &Volume) -> Vec<Vec<String>> {
             ),
         ),
         row("world box", format!("{} to {}", point(bounds.min), point(bounds.max))),
-        row("orientation", format!("{hand}, {} is up{front}; solid is {}", volume.up.name(), solid_name(volume.solid))),
+        row("orientation", format!("{hand}, {} is up{front}; solid is {}", volume.up.name(), solid_text(volume.solid))),
     ]
 }
 
-/// What a bake with the default options would take.
-struct Estimate {
-    memory: u64,
-    all: u64,
-    one: u64,
-}
-
-impl Estimate {
-    fn new(volume: &Volume, isovalue: f64) -> Result<Self> {
-        let lattice = Lattice::from_ratio(volume.dims(), 1.0)?;
-        let layout = Layout { lattice, layers: Layers::usual(4)? };
-        let texel = crate::bake::bytes_of_texel(&layout.layers);
-        let data = volume.samples().bytes().len() as u64;
-        let bytes = |s: Selection| data + s.bricks().len() as u64 * BRICK_TEXELS as u64 * texel;
-        Ok(Self {
-            memory: crate::bake::bytes_of_bake(volume, &layout, 1),
-            all: bytes(Selection::of_all_isosurfaces(lattice, volume)),
-            one: bytes(texels_of_isosurface(volume, lattice, isovalue)),
-        })
-    }
-}
-
 fn store(argument: &str, console: &Console) -> Outcome {
-    let store = Store::open(argument)?;
-    let held = store.holdings()?;
-    let identity = store.identity();
-    let volume = store.volume()?;
-    let m = identity.texels;
-    let bytes = file::size_on_disk(Path::new(argument));
-    let mut rows = volume_rows(&volume);
+    let facts = StoreFacts::of(argument)?;
+    let StoreFacts { store, volume, held, volumes, complete, .. } = &facts;
+    let (identity, m) = (store.identity(), store.identity().texels);
+    let mut rows = volume_rows(volume);
     rows.push(row("texture", format!("{} × {} × {} texels", m[0], m[1], m[2])));
     rows.push(row("layers", format!("{} with {:?} bands", identity.bands.len(), identity.bands)));
     let sign = if identity.positive { ", positive" } else { "" };
@@ -271,7 +184,6 @@ fn store(argument: &str, console: &Console) -> Outcome {
         let names = if scene.luminaires.is_empty() { "none".into() } else { scene.luminaires.join(", ") };
         rows.push(row("scene", format!("red, green and blue among walls or luminaires; luminaires: {names}")));
     }
-    let volumes = store.volumes()?;
     if let Some(coupling) = identity.scene.as_ref().and_then(|scene| scene.coupling.as_ref()) {
         let others: Vec<&str> = coupling.partners.iter().map(|p| p.name.as_str()).collect();
         let held = volumes.join(", ");
@@ -281,31 +193,19 @@ fn store(argument: &str, console: &Console) -> Outcome {
         ));
     }
     rows.push(row("isovalues", held.isovalues_text()));
-    for &isovalue in &held.surfaces {
-        let Some(surface) = store.surface(isovalue)? else { continue };
-        let vertices = surface.layout().lattice.texels()[0];
-        rows.push(row(
-            "surface",
-            format!("isovalue {}: {} vertices", text::number(isovalue, 8), text::count(vertices as u64)),
-        ));
+    for &(isovalue, vertices) in &facts.surfaces {
+        let count = text::count(vertices);
+        rows.push(row("surface", format!("isovalue {}: {count} vertices", text::number(isovalue, 8))));
     }
-    let of_surfaces =
-        held.surfaces.iter().map(|&c| Ok(store.surface(c)?.map_or(0, |s| s.layout().lattice.chunks()[0])));
-    let all = store.layout().lattice.chunks().iter().product::<usize>() + of_surfaces.sum::<Result<usize>>()?;
-    let complete = Completeness::of(&store, &volume)?;
+    let all = facts.chunks;
     let state = match complete.there == complete.needed {
         true => format!("{} of {all} chunks, all that were asked for", held.chunks),
         false => format!("{} of {} chunks that were asked for: incomplete", complete.there, complete.needed),
     };
-    rows.push(row("baked", format!("{state}, {}", text::bytes(bytes as f64))));
+    rows.push(row("baked", format!("{state}, {}", text::bytes(facts.bytes as f64))));
     rows.push(row("quality", held.quality_text()));
-    rows.extend(super::pack::about(&store)?.iter().map(|(name, text)| row(name, text.clone())));
+    rows.extend(super::pack::about(store)?.iter().map(|(name, text)| row(name, text.clone())));
     console.print(text::table(&rows));
-    let isovalues = if held.all { json!("all") } else { json!(held.isovalues) };
-    console.print_json(&json!({
-        "store": file_name(argument), "volumes": volumes, "identity": identity, "provenance": store.provenance(),
-        "isovalues": isovalues, "surfaces": held.surfaces, "chunks": held.chunks, "chunks_of_lattice": all, "chunks_asked": complete.needed, "chunks_complete": complete.there, "rays": held.rays,
-        "error_targets": held.targets, "bytes": bytes, "packing": store.packing(),
-    }));
+    console.print_json(&facts.to_json(&file_name(argument)));
     Ok(())
 }

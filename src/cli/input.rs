@@ -117,12 +117,7 @@ pub(crate) fn parse_up(axis: &str) -> std::result::Result<Up, String> {
     })
 }
 
-/// Opens a volume argument.
-pub(super) fn open(argument: &str, args: &VolumeArgs) -> Result<Member> {
-    Member::open(argument, &args.options())
-}
-
-/// As [`open`], for a list of what a file holds: of several channels the first, where none is chosen.
+/// Opens a volume for a list of what a file holds: of several channels the first, where none is chosen.
 pub(super) fn look_at(argument: &str, args: &VolumeArgs) -> Result<Member> {
     let mut options = args.options();
     options.choice.any_channel = true;

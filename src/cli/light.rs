@@ -1,11 +1,11 @@
 //! Environments, materials and exposure as options.
 
-use super::{Outcome, text};
+use super::Outcome;
 use crate::error::Error;
 use crate::probe::{EnvFrame, Layout, SunSplit};
 use crate::relight::{Exposure, Material};
-use crate::scene::{Colormap, MaterialRule};
-use crate::session::{LightNote, LightOptions, LuminaireFactor};
+use crate::scene::MaterialRule;
+use crate::session::{LightOptions, LuminaireFactor};
 use crate::sh::Window;
 use clap::ValueEnum;
 
@@ -101,38 +101,6 @@ impl LightArgs {
     }
 }
 
-/// What was done to the light of a probe, in a sentence.
-pub(crate) fn sentence(probe: &str, note: &LightNote) -> String {
-    match note {
-        LightNote::NoSun(why) => format!("{probe}: no sun was split off: {why}"),
-        LightNote::Suns { count, share, angular_radius, truncation: [before, after] } => {
-            let across = 2.0 * angular_radius.to_degrees();
-            let lamps = match count {
-                1 => format!("a lamp {across:.1}° across with {} of the light is", text::percent(*share)),
-                n => format!(
-                    "{n} lamps with {} of the light, the strongest {across:.1}° across, are",
-                    text::percent(*share)
-                ),
-            };
-            let [before, after] = [before, after].map(|v| text::percent(*v));
-            format!(
-                "{probe}: {lamps} lit apart: in bands beside a shadow {before} of the radiance would be lost, now {after}"
-            )
-        }
-        LightNote::Window(kept) => format!(
-            "{probe}: the window keeps {} of the energy and {} of the contrast",
-            text::percent(kept.energy),
-            text::percent(kept.contrast)
-        ),
-        LightNote::Clamped(clamped) => format!(
-            "{probe}: {} of {} texels were below 0 by noise or rounding and are 0 now, {} of the energy",
-            text::count(clamped.texels),
-            text::count(clamped.of_texels),
-            text::percent(clamped.energy)
-        ),
-    }
-}
-
 /// The library's refusal with the names of the options.
 pub(super) fn by_option(error: Error) -> Error {
     let Error::Argument { name, given, expected, remedy } = error else { return error };
@@ -218,35 +186,6 @@ impl MaterialArgs {
     pub(crate) fn rule(&self, range: (f64, f64)) -> Outcome<MaterialRule> {
         let albedo = self.albedo.map_or([0.7; 3], |albedo| albedo.0);
         Material::new(albedo, self.emission.map_or([0.0; 3], |emission| emission.0))?;
-        let Some(spec) = &self.colormap else {
-            return Ok(MaterialRule::Constant(albedo));
-        };
-        if albedo[0] != albedo[1] || albedo[1] != albedo[2] {
-            let expected = "one number together with --colormap";
-            return Err(
-                Error::argument("--albedo", format!("{albedo:?}"), expected, "it is a factor on the colours").into()
-            );
-        }
-        let (name, part) = spec.split_once(':').map_or((spec.as_str(), None), |(n, p)| (n, Some(p)));
-        let colormap = match (Colormap::named(name), text::nearest(name, Colormap::names())) {
-            (Err(_), Some(near)) => {
-                let known = Colormap::names().collect::<Vec<_>>().join(", ");
-                let expected = format!("one of {known}");
-                return Err(Error::argument("colormap", name, expected, format!("did you mean {near}?")).into());
-            }
-            (result, _) => result?,
-        };
-        let (low, high) = match part {
-            None => range,
-            Some(part) => {
-                let ends =
-                    part.split_once("..").and_then(|(l, h)| Some((l.parse::<f64>().ok()?, h.parse::<f64>().ok()?)));
-                ends.filter(|(l, h)| l.is_finite() && h.is_finite() && l < h).ok_or_else(|| {
-                    let expected = "two rising isovalues such as 0..255";
-                    Error::argument("colormap", spec, expected, format!("write {name}:LOW..HIGH"))
-                })?
-            }
-        };
-        Ok(MaterialRule::Map { colormap, low, high, scale: albedo[0] })
+        Ok(MaterialRule::of_colours(self.colormap.as_deref(), albedo, range)?)
     }
 }

@@ -4,7 +4,7 @@ use super::text;
 use crate::error::{Error, Result};
 use crate::geom::Up;
 use crate::render::{Projection, View};
-use crate::session::{Background, Framing, PictureOptions, Tone};
+use crate::session::{Background, FRAME, Framing, PictureOptions, Tone, Turntable};
 use crate::srgb;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
@@ -191,13 +191,8 @@ impl ViewArgs {
 }
 
 impl PictureArgs {
-    /// A picture of what has `up` up; `turned` by so many degrees on a turntable. `wall_paths` is the most paths of
-    /// what is seen of walls.
-    pub(super) fn options(&self, up: Up, turned: f64, wall_paths: u32) -> PictureOptions {
-        let mut view = self.seen.view.view(up);
-        if self.turn == Turn::View {
-            view.azimuth += turned;
-        }
+    /// A picture of what has `up` up. `wall_paths` is the most paths of what is seen of walls.
+    pub(super) fn options(&self, up: Up, wall_paths: u32) -> PictureOptions {
         let framing = match self.frame {
             // On a turntable what is seen keeps its size.
             _ if self.turntable.is_some() => Framing::Turntable,
@@ -207,7 +202,7 @@ impl PictureArgs {
         PictureOptions {
             width: self.seen.size.0,
             height: self.seen.size.1,
-            view,
+            view: self.seen.view.view(up),
             projection: self.seen.projection(),
             framing,
             cap: self.cap == Cap::Flat,
@@ -219,19 +214,16 @@ impl PictureArgs {
         }
     }
 
-    /// Whether a turntable turns the light.
-    pub(super) fn turns_light(&self) -> bool {
-        self.turn == Turn::Light
+    /// What pictures are, in words.
+    pub(super) fn describe(&self, up: Up) -> String {
+        let frames = self.turntable.map(|frames| format!("{frames} frames of ")).unwrap_or_default();
+        let (width, height) = self.seen.size;
+        format!("{frames}{width} × {height}, {}", self.seen.view.describe(up))
     }
 
-    /// How far a turntable is turned in a picture, in degrees.
-    pub(super) fn degrees_of_frame(&self, frame: u32) -> f64 {
-        self.turntable.map_or(0.0, |n| 360.0 * f64::from(frame) / f64::from(n))
-    }
-
-    /// Pictures to make.
-    pub(super) fn frames(&self) -> u32 {
-        self.turntable.unwrap_or(1)
+    /// The turntable, if pictures are of one.
+    pub(super) fn turntable(&self) -> Option<Turntable> {
+        self.turntable.map(|frames| Turntable { frames, turns_light: self.turn == Turn::Light })
     }
 
     /// The output as a pattern: for a turntable into a directory, names in it.
@@ -250,13 +242,4 @@ impl PictureArgs {
         let remedy = "write for example -o turn/ or -o turn-{frame}.png";
         Err(Error::argument("output", output.display(), expected, remedy))
     }
-
-    /// The file of one picture.
-    pub(super) fn path_of_frame(&self, path: &Path, frame: u32) -> PathBuf {
-        let digits = (self.frames() - 1).to_string().len();
-        path.to_string_lossy().replace(FRAME, &format!("{frame:0digits$}")).into()
-    }
 }
-
-/// Stands for the number of a turntable's picture.
-const FRAME: &str = "{frame}";

@@ -1,6 +1,5 @@
 //! What the Python package shares with the program.
 
-pub(crate) use super::bake_report::Told;
 pub(crate) use super::cache::{locate, prepare};
 pub(crate) use super::input::parse_up;
-pub(crate) use super::light::{MaterialArgs, Triple, sentence};
+pub(crate) use super::light::{MaterialArgs, Triple};

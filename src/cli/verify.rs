@@ -2,12 +2,12 @@
 
 use super::console::Console;
 use super::{Failure, Outcome, text};
-use crate::error::{Error, Result};
+use crate::error::Error;
 use crate::finding::Finding;
-use crate::transfer::store::complete::selection;
-use crate::transfer::store::{self, Diagnosis, Store};
+use crate::inspect::diagnose_volumes;
+use crate::transfer::store::{Diagnosis, Store};
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Read every byte of stores and compare it with its checksums
 ///
@@ -34,7 +34,7 @@ impl Verify {
         let (mut rows, mut bad) = (Vec::new(), Vec::new());
         for path in &self.inputs {
             let name = path.display().to_string();
-            let (found, chunks, sound) = match examine(path) {
+            let (found, chunks, sound) = match Store::open(path).and_then(|store| diagnose_volumes(&store)) {
                 Ok(all) => {
                     let sum = |of: fn(&Diagnosis) -> u64| all.iter().map(of).sum::<u64>();
                     let (chunks, sound) = (sum(|d| d.chunks), sum(|d| d.sound));
@@ -68,15 +68,4 @@ impl Verify {
         let remedy = "run the bake that made it again to mend it";
         Err(Failure::Message(format!("{} of {} stores not sound: {remedy}", bad.len(), self.inputs.len())))
     }
-}
-
-/// What is unusual of each volume of a store.
-fn examine(path: &Path) -> Result<Vec<Diagnosis>> {
-    let first = Store::open(path)?;
-    let names = first.volumes()?;
-    let examine = |store: &Store| {
-        let lattice = store.layout().lattice;
-        store::diagnose(store, &|volume, held| selection(lattice, volume, held))
-    };
-    names.iter().map(|name| examine(&first.of_volume(name)?)).collect()
 }

@@ -18,7 +18,7 @@ use serde_json::{Map, Value, json};
 #[derive(Clone, Copy)]
 pub enum Against<'a> {
     /// Nothing.
-    Paths,
+    Nothing,
     /// Flattened photon mapping, asked in this way about an isosurface.
     Photons(&'a dyn Fn(&Volume, f64) -> Result<PhotonQuestion>),
     /// Paths on the trilinear surface itself; with `list` every point is kept.
@@ -104,7 +104,7 @@ impl Asked<'_> {
             Against::Geometry { .. } => {
                 Some(points_in_cells(volume, pyramid, surface.mesh(), isovalue, self.points, self.seed))
             }
-            Against::Paths | Against::Photons(_) => None,
+            Against::Nothing | Against::Photons(_) => None,
         };
         let points = match &cells {
             Some(cells) => cells.smoothed.clone(),
@@ -147,7 +147,7 @@ impl Asked<'_> {
             };
             let asked = match self.against {
                 Against::Photons(ask) => Some(ask(volume, isovalue)?),
-                Against::Paths | Against::Geometry { .. } => None,
+                Against::Nothing | Against::Geometry { .. } => None,
             };
             asked.iter().try_for_each(|asked| asked.check(&question))?;
             if cells.is_some() {

@@ -6,6 +6,7 @@
 //! |---|---|
 //! | [`gltf`] | a lit mesh as GLB (glTF 2.0), colours linear in `COLOR_0` |
 //! | [`field`] | radiance on a lattice as VTI, NRRD and raw |
+//! | [`hdr`] | an environment as Radiance picture |
 //! | [`ply`] | the same mesh as binary PLY, colours 8-bit sRGB |
 //! | [`png`] | an [`Image`] as 8-bit sRGB PNG |
 //! | [`sheet`] | several images with labels as one [`Image`] ([`font`] draws the letters) |
@@ -28,6 +29,7 @@ pub mod atomic;
 pub mod field;
 pub mod font;
 pub mod gltf;
+pub mod hdr;
 pub mod image;
 pub mod inputs;
 pub mod ply;

@@ -1,7 +1,7 @@
 //! Which files are written: names, formats, and whether they can be written; found out before the work that they take.
 
 use crate::error::{Error, Result};
-use crate::file::check_folder;
+use crate::file::{check_folder, clean};
 use crate::quantity::number;
 use std::path::{Path, PathBuf};
 
@@ -100,11 +100,6 @@ pub fn make_folder(output: &Path) -> Result<()> {
         return Ok(());
     }
     std::fs::create_dir(output).map_err(|e| Error::io(output, "make the directory", e))
-}
-
-/// A name as a part of a file name.
-pub fn clean(name: &str) -> String {
-    name.chars().map(|c| if c.is_alphanumeric() || "-_.+".contains(c) { c } else { '_' }).collect()
 }
 
 /// Refuses a file that cannot be written, before any work is done for it.

@@ -22,7 +22,9 @@
 //! A longitude is also an azimuth: 0 at the centre of the image, growing counter-clockwise seen
 //! from above (from +x towards −z).
 
+use super::Orientation;
 use crate::error::{Error, Result};
+use crate::geom::Up;
 use crate::sh::project::ring_solid_angle;
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -64,6 +66,20 @@ pub struct LatLong {
 }
 
 impl LatLong {
+    /// The same turned counter-clockwise about up by so many degrees; each pixel takes the value at its centre.
+    ///
+    /// # Errors
+    /// When the angle is not finite.
+    pub fn turned(&self, degrees: f64) -> Result<Self> {
+        let probe_from_turned = Orientation::new(Up::Y, degrees)?.probe_from_world();
+        let (width, height) = (self.width(), self.height());
+        let pixel = |i: usize| {
+            let (x, y) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+            self.radiance(probe_from_turned * self.direction_from_pixel(x, y))
+        };
+        Self::new(width, height, (0..width * height).map(pixel).collect())
+    }
+
     /// An image from its pixels, row by row from the top, left to right.
     ///
     /// # Errors

@@ -123,6 +123,21 @@ impl Probe {
         }
     }
 
+    /// The same for programs, with the convention in words.
+    ///
+    /// # Panics
+    /// As [`Probe::coefficients`].
+    pub fn projection_json(&self, bands: usize) -> serde_json::Value {
+        let [r, g, b] = self.coefficients(bands);
+        let rows: Vec<[f64; 3]> = (0..bands * bands).map(|i| [r.values()[i], g.values()[i], b.values()[i]]).collect();
+        serde_json::json!({
+            "name": self.name,
+            "bands": bands,
+            "convention": "real orthonormal, no Condon-Shortley sign, index l(l+1)+m; glTF frame: y up, the image's centre is +x, +z three quarters from the left; linear Rec.709",
+            "rgb": rows,
+        })
+    }
+
     /// Coefficients of red, green and blue in world axes.
     ///
     /// # Panics

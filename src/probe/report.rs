@@ -4,6 +4,7 @@ use super::Probe;
 use super::latlong::{LUMINANCE, angles_from_direction, direction_from_angles, luminance};
 use super::project::project;
 use super::read::{BadPixels, Note};
+use crate::quantity::count;
 use crate::sh::{MAX_BANDS, basis};
 use glam::DVec3;
 use serde::Serialize;
@@ -180,5 +181,31 @@ pub fn report(probe: &Probe, bands: usize) -> Report {
         coefficients: probe.coefficients(bands).map(|c| c.values().to_vec()),
         bad_pixels: probe.bad,
         notes: probe.notes.clone(),
+    }
+}
+
+/// Fewer stops than this between the brightest pixel and the mean is no high dynamic range.
+const FEWEST_STOPS: f64 = 1.0;
+impl Report {
+    /// Why the environment is unusual; empty where it is not.
+    pub fn unusual(&self) -> Vec<String> {
+        let mut reasons: Vec<String> = self.notes.iter().map(|n| format!("{} ({})", n.text, count(n.count))).collect();
+        let bad = &self.bad_pixels;
+        let impossible = bad.nan + bad.infinite + bad.negative;
+        if impossible > 0 && reasons.is_empty() {
+            reasons.push(format!("{} pixels that no light can have", count(impossible)));
+        }
+        if self.mean_luminance <= 0.0 {
+            reasons.push("it is black".into());
+        } else if self.format != "formula" {
+            let stops = self.brightest_pixel.map_or(0.0, |p| libm::log2(p.luminance / self.mean_luminance));
+            if stops < FEWEST_STOPS {
+                reasons.push(format!("the brightest pixel is only {stops:.1} stops above the mean: was it clipped?"));
+            }
+            if self.layout == "latlong" && self.stored_size[0] != 2 * self.stored_size[1] {
+                reasons.push(format!("{} × {} is not 2:1", self.stored_size[0], self.stored_size[1]));
+            }
+        }
+        reasons
     }
 }

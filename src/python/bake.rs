@@ -4,7 +4,7 @@ use super::watch;
 use crate::bake::{Bake, Estimator, ForLight, Observer, Report, Request, Writing, run};
 use crate::cache::{InUse, for_light};
 use crate::cli::Failure;
-use crate::cli::shared::{Told, locate, prepare};
+use crate::cli::shared::{locate, prepare};
 use crate::error::{Error, Result};
 use crate::memory;
 use crate::probe::{EnvFrame, Probe};

@@ -11,7 +11,6 @@ use crate::session::{
     Still, Surface as Unlit, Tone, total_json,
 };
 use crate::srgb::{byte_from_linear, linear_from_srgb};
-use crate::volume::LengthUnit;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -245,10 +244,7 @@ impl Surface {
     /// How many metres a unit of world is, if known.
     #[getter]
     fn metres(&self) -> Option<f64> {
-        match self.owner().session.members()[0].volume().unit {
-            LengthUnit::Metres(metres) => Some(metres),
-            LengthUnit::Unknown => None,
-        }
+        self.owner().session.members()[0].volume().unit.metres()
     }
 
     /// The axis that points up, and the direction in world that is the front.
@@ -279,7 +275,7 @@ impl Surface {
     /// What was done to the light.
     fn notes(&self) -> Vec<String> {
         let lit = self.lit();
-        lit.notes().iter().map(|note| crate::cli::shared::sentence(&self.owner().probe.name, note)).collect()
+        lit.notes().iter().map(|note| note.sentence(&self.owner().probe.name)).collect()
     }
 
     /// Transfer of each vertex: [n, layers, bands²] of a volume alone, [n, layers, 3, bands²] of a scene; 0 beyond the bands of a

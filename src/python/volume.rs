@@ -238,10 +238,7 @@ impl Volume {
     /// How many metres a unit of world is, if known.
     #[getter]
     fn metres(&self) -> Option<f64> {
-        match self.first().volume.unit {
-            LengthUnit::Metres(metres) => Some(metres),
-            LengthUnit::Unknown => None,
-        }
+        self.first().volume.unit.metres()
     }
 
     #[getter]

@@ -1,7 +1,7 @@
 //! Materials as functions of the isovalue. If albedo depends on the isovalue alone, every level set has one
 //! albedo, and relighting and recolouring need no new transport (see [`crate::transport`]).
 
-use super::Colormap;
+use super::{Colormap, nearest};
 use crate::error::{Error, Result};
 
 /// Linear RGB over the isovalue: straight lines between rows, constant beyond the first and the last.
@@ -91,6 +91,42 @@ pub enum MaterialRule {
 const SCALE_STEPS: u32 = 256;
 
 impl MaterialRule {
+    /// The rule of a colour scale, `NAME` over the range of the volume or `NAME:LOW..HIGH`, times a grey albedo; without one that
+    /// albedo for all isovalues.
+    ///
+    /// # Errors
+    /// When there is no such scale, its ends do not rise, or the albedo is not grey.
+    pub fn of_colours(spec: Option<&str>, albedo: [f32; 3], range: (f64, f64)) -> Result<Self> {
+        let Some(spec) = spec else {
+            return Ok(Self::Constant(albedo));
+        };
+        if albedo[0] != albedo[1] || albedo[1] != albedo[2] {
+            let expected = "one number together with --colormap";
+            return Err(Error::argument("--albedo", format!("{albedo:?}"), expected, "it is a factor on the colours"));
+        }
+        let (name, part) = spec.split_once(':').map_or((spec, None), |(n, p)| (n, Some(p)));
+        let colormap = match (Colormap::named(name), nearest(name, Colormap::names())) {
+            (Err(_), Some(near)) => {
+                let known = Colormap::names().collect::<Vec<_>>().join(", ");
+                let expected = format!("one of {known}");
+                return Err(Error::argument("colormap", name, expected, format!("did you mean {near}?")));
+            }
+            (result, _) => result?,
+        };
+        let (low, high) = match part {
+            None => range,
+            Some(part) => {
+                let ends =
+                    part.split_once("..").and_then(|(l, h)| Some((l.parse::<f64>().ok()?, h.parse::<f64>().ok()?)));
+                ends.filter(|(l, h)| l.is_finite() && h.is_finite() && l < h).ok_or_else(|| {
+                    let expected = "two rising isovalues such as 0..255";
+                    Error::argument("colormap", spec, expected, format!("write {name}:LOW..HIGH"))
+                })?
+            }
+        };
+        Ok(Self::Map { colormap, low, high, scale: albedo[0] })
+    }
+
     /// Linear albedo of the level set of an isovalue.
     pub fn albedo(&self, isovalue: f64) -> [f32; 3] {
         match self {

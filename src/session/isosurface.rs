@@ -9,7 +9,7 @@ use crate::sampling::hash::uniform;
 use crate::surface::{Mesh, isosurface};
 use crate::transfer::store::Store;
 use crate::transport::SurfacePoint;
-use crate::volume::{LengthUnit, Volume};
+use crate::volume::Volume;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -110,10 +110,7 @@ impl Isosurface {
             standard_error: radiance.map(|(_, errors)| StandardError::Grey(errors)),
             box_in_world: volume.world_bounds(),
             up,
-            metres_per_unit: match volume.unit {
-                LengthUnit::Unknown => None,
-                LengthUnit::Metres(metres) => Some(metres),
-            },
+            metres_per_unit: volume.unit.metres(),
         }
     }
 

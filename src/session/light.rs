@@ -5,6 +5,7 @@ use crate::geom::Up;
 use crate::probe::SunSplit;
 use crate::probe::sun::{NoSun, SunOptions, split_sun};
 use crate::probe::{EnvFrame, Orientation, Probe};
+use crate::quantity::{count, percent};
 use crate::relight::{self, ClampReport, Light};
 use crate::render::SunLight;
 use crate::sh::kernel::{Kept, Window};
@@ -76,6 +77,40 @@ pub enum LightNote {
     Window(Kept),
     /// What was below 0 by noise or rounding under certified light, and is 0 now.
     Clamped(ClampReport),
+}
+
+impl LightNote {
+    /// In a sentence about the environment of this name.
+    pub fn sentence(&self, probe: &str) -> String {
+        match self {
+            LightNote::NoSun(why) => format!("{probe}: no sun was split off: {why}"),
+            LightNote::Suns { count, share, angular_radius, truncation: [before, after] } => {
+                let across = 2.0 * angular_radius.to_degrees();
+                let lamps = match count {
+                    1 => format!("a lamp {across:.1}° across with {} of the light is", percent(*share)),
+                    n => format!(
+                        "{n} lamps with {} of the light, the strongest {across:.1}° across, are",
+                        percent(*share)
+                    ),
+                };
+                let [before, after] = [before, after].map(|v| percent(*v));
+                format!(
+                    "{probe}: {lamps} lit apart: in bands beside a shadow {before} of the radiance would be lost, now {after}"
+                )
+            }
+            LightNote::Window(kept) => format!(
+                "{probe}: the window keeps {} of the energy and {} of the contrast",
+                percent(kept.energy),
+                percent(kept.contrast)
+            ),
+            LightNote::Clamped(clamped) => format!(
+                "{probe}: {} of {} texels were below 0 by noise or rounding and are 0 now, {} of the energy",
+                count(clamped.texels),
+                count(clamped.of_texels),
+                percent(clamped.energy)
+            ),
+        }
+    }
 }
 
 /// Visibility rays for each surface point and sun; [`crate::render::PENUMBRA`] times as many in the penumbra.

@@ -31,6 +31,7 @@
 
 mod error;
 mod field;
+mod file;
 mod isosurface;
 mod light;
 mod lit;
@@ -50,6 +51,8 @@ mod tests;
 
 #[doc(hidden)]
 pub use field::RelitField;
+#[doc(hidden)]
+pub use file::{Content, FRAME, FileOptions, FileTimes, Turntable, WrittenFile};
 pub use isosurface::Isosurface;
 pub use light::{LightNote, LightOptions, Lighting, SUN_RAYS};
 pub use lit::{Lit, LitOptions, LitTexels};
@@ -72,8 +75,8 @@ use crate::quantity::number;
 use crate::scene::geometry::Geometry;
 use crate::scene::{NamedIsovalue, nearest};
 use crate::transfer::store::Store;
+use crate::volume::Volume;
 use crate::volume::isovalue::Chosen;
-use crate::volume::{Isovalue, Volume};
 use member::{Held, coupling_of, partnered};
 use std::sync::Arc;
 
@@ -229,19 +232,7 @@ impl<'a> Session<'a> {
         let from = named.volume.as_ref().map_or(Ok(0), |name| self.member(name)).map_err(as_option)?;
         let members = self.members();
         let of = &members[from];
-        let only = match named.isovalue {
-            Isovalue::Auto => {
-                let held = of.store().holdings()?;
-                held.isovalues.first().copied().filter(|_| !held.all)
-            }
-            _ => None,
-        };
-        let chosen = match only {
-            Some(value) => {
-                Chosen { reason: Some("the store holds it".into()), ..Chosen::given(value, of.volume().solid) }
-            }
-            None => named.isovalue.resolve(of.volume(), Some(of.volume().solid), None)?,
-        };
+        let chosen = of.store().choose(of.volume(), named.isovalue)?;
         let all = self.isovalues(from, chosen.value).map_err(as_option)?;
         let reason = all.iter().zip(members).map(|(c, m)| format!("{} {}", m.name(), number(*c, 6)));
         let reason = reason.collect::<Vec<_>>().join(", ");

@@ -229,6 +229,16 @@ pub enum LengthUnit {
     Metres(f64),
 }
 
+impl LengthUnit {
+    /// How many metres it is, if that is known.
+    pub fn metres(self) -> Option<f64> {
+        match self {
+            Self::Unknown => None,
+            Self::Metres(metres) => Some(metres),
+        }
+    }
+}
+
 /// Something a reader noticed and did that the user should know.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Note {

@@ -61,8 +61,10 @@ pub const LAYERS: &[Layer] = &[
     // Not how a store came about.
     layer("session", &["bake"]),
     layer("cache", &["level", "relight", "render"]),
-    layer("compare", &["cache"]),
+    layer("demo", &[]),
+    layer("compare", &["cache", "demo"]),
     layer("study", &["cache"]),
+    layer("inspect", &["cache", "compare", "study"]),
     layer("view", &["transport", "cache"]),
     layer("cli", &[]),
     // A second caller of the same calls; what the program has beside them (the cache, memory, options as text) it shares.

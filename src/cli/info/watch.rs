@@ -2,35 +2,21 @@
 
 use super::super::console::Console;
 use super::super::{Outcome, text};
-use crate::error::{Error, Result};
-use crate::transfer::store::{ChunkExtent, Store, Work};
-use crate::volume::Volume;
+use crate::error::Error;
+use crate::inspect::{Look, Watch};
+use crate::transfer::store::Store;
 use serde_json::json;
 use std::time::{Duration, Instant};
-
-/// What was asked of a store, and of one volume of it.
-struct Followed {
-    volume: Volume,
-    asked: Vec<ChunkExtent>,
-    work: Work,
-}
-
-/// One look at a store.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Look {
-    asked: u64,
-    there: u64,
-}
 
 /// Looks at the store again and again, and prints a line whenever there is news, until all that was asked is there.
 pub(super) fn follow(argument: &str, every: Duration, console: &Console) -> Outcome {
     let start = Instant::now();
-    let mut followed: Vec<Followed> = Vec::new();
+    let mut watch = Watch::default();
     let mut first: Option<(Instant, u64)> = None;
     let mut told = None;
     loop {
         let store = Store::open(argument)?;
-        let look = match look(&store, &mut followed) {
+        let look = match watch.look(&store) {
             Ok(look) => look,
             // A surface that is just being added: the next look finds it whole.
             Err(Error::Format { .. } | Error::Io { .. }) if start.elapsed() < SETTLING => Look::default(),
@@ -52,30 +38,6 @@ pub(super) fn follow(argument: &str, every: Duration, console: &Console) -> Outc
 
 /// How long metadata may be found half written before that is an error.
 const SETTLING: Duration = Duration::from_secs(60);
-
-/// Compares what was asked with what is there; what does not change from look to look is kept.
-fn look(store: &Store, followed: &mut Vec<Followed>) -> Result<Look> {
-    let mut sum = Look::default();
-    for (i, name) in store.volumes()?.iter().enumerate() {
-        let store = store.of_volume(name)?;
-        let mut asked = vec![store.asked()?];
-        for isovalue in store.surfaces()? {
-            asked.extend(store.surface(isovalue)?.map(|surface| surface.asked()).transpose()?);
-        }
-        if followed.len() <= i {
-            let volume = store.volume()?;
-            followed.push(Followed { work: Work::of(&store, &volume)?, asked: asked.clone(), volume });
-        }
-        let known = &mut followed[i];
-        if known.asked != asked {
-            known.work = Work::of(&store, &known.volume)?;
-            known.asked = asked;
-        }
-        sum.asked += known.work.asked();
-        sum.there += known.work.there(&store)?;
-    }
-    Ok(sum)
-}
 
 fn tell(look: &Look, rate: f64, processes: &[String], console: &Console) {
     let share = if look.asked > 0 { look.there as f64 / look.asked as f64 } else { 0.0 };

@@ -1,6 +1,5 @@
 //! `isolume relight`: light on surfaces, from a store, in milliseconds.
 
-mod file;
 mod joint;
 mod lobes;
 mod report;
@@ -19,13 +18,12 @@ use crate::probe::MOST_SUNS;
 use crate::probe::{Probe, SunOptions, SunSplit, split_sun};
 use crate::scene::geometry::Geometry;
 use crate::scene::{EmissionRule, MaterialRule, Scene, SceneFile, open_probe};
-use crate::session::{LightNote, LightOptions, MeshOptions, Part, Session};
+use crate::session::{LightOptions, MeshOptions, Part, Session, WrittenFile};
 use crate::sh::Window;
 use crate::transfer::store::is_store;
 use crate::transfer::store::{FRONT_NOT_RECORDED, Store};
 use crate::volume::Volume;
 use crate::volume::isovalue::Level;
-use file::Written;
 use report::report;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -135,7 +133,9 @@ impl MeshArgs {
 /// What a run of the command did.
 struct Relit {
     surfaces: Vec<LitSurface>,
-    files: Vec<Written>,
+    files: Vec<WrittenFile>,
+    /// What pictures are.
+    views: String,
     read_time: Duration,
     transport_rays: u64,
     drafts: Vec<Draft>,
@@ -433,11 +433,6 @@ impl Relight {
         self.light.options(split)
     }
 
-    /// Whether a note is for who gave the command: that no lamp was split off is for who asked for it.
-    fn tells(&self, note: &LightNote) -> bool {
-        !matches!(note, LightNote::NoSun(_)) || self.sun_split().is_some()
-    }
-
     /// The isovalues asked for; `auto` is the one that the store holds, if it holds only some.
     fn isovalues_of_store(&self, store: &Store, volume: &Volume) -> Outcome<Vec<Chosen>> {
         if let Some(side) = self.volume.solid
@@ -447,19 +442,7 @@ impl Relight {
             let given = format!("{side:?}").to_lowercase();
             return Err(Error::argument("--solid", given, expected, "bake the volume again with this --solid").into());
         }
-        // Looks at every chunk, so only where it matters.
-        let only = if self.isovalue.iter().any(|i| i.isovalue == Isovalue::Auto) {
-            let held = store.holdings()?;
-            held.isovalues.first().copied().filter(|_| !held.all)
-        } else {
-            None
-        };
-        let resolve = |i: &NamedIsovalue| match (&i.isovalue, only) {
-            (Isovalue::Auto, Some(value)) => {
-                Ok(Chosen { reason: Some("the store holds it".into()), ..Chosen::given(value, volume.solid) })
-            }
-            (isovalue, _) => self.or_empty(isovalue, volume, isovalue.resolve(volume, Some(volume.solid), None)),
-        };
+        let resolve = |i: &NamedIsovalue| self.or_empty(&i.isovalue, volume, store.choose(volume, i.isovalue));
         Ok(self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?)
     }
 

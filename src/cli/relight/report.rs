@@ -1,13 +1,12 @@
 //! What is printed about a run, for people and for programs.
 
 use super::Relit;
-use super::file::Written;
 use crate::cli::console::Console;
 use crate::cli::text;
 use crate::export::target::Format;
 use crate::relight::{ErrorTerm, TotalError};
-use crate::session::total_json;
-use serde_json::{Value, json};
+use crate::session::{Content, WrittenFile};
+use serde_json::json;
 use std::time::Duration;
 
 /// Share of a surface below a texel from which on it is told.
@@ -20,19 +19,14 @@ fn relative(error: f64) -> String {
     if error.is_finite() { text::percent(error) } else { "-".into() }
 }
 
-/// JSON has no infinity: it becomes null.
-fn finite(value: f64) -> Option<f64> {
-    value.is_finite().then_some(value)
-}
-
 /// The files and a line of summary, for people.
 fn print(console: &Console, relit: &Relit) {
-    let Relit { surfaces, files: written, read_time, transport_rays, .. } = relit;
+    let Relit { surfaces, files: written, views, read_time, transport_rays, .. } = relit;
     for w in written {
-        let what = format!("{}, {}", w.what, text::bytes(w.bytes as f64));
+        let what = format!("{}, {}", content(w, views), text::bytes(w.bytes as f64));
         console.summary(text::file_line(&w.target.path, &what));
     }
-    let time: Duration = written.iter().map(|w| w.times.total()).sum();
+    let time = seconds(written.iter().map(|w| w.times.total()).sum());
     let worst = written.iter().max_by(|a, b| error_of(a).total_cmp(&error_of(b)));
     console.summary(match (written.as_slice(), worst) {
         ([w], _) => format!(
@@ -41,10 +35,10 @@ fn print(console: &Console, relit: &Relit) {
             w.env,
             error_text(w),
             w.exposure_ev,
-            text::duration(time)
+            time
         ),
         (all, Some(worst)) => {
-            format!("{} files in {}: {} or better", all.len(), text::duration(time), error_text(worst))
+            format!("{} files in {}: {} or better", all.len(), time, error_text(worst))
         }
         (_, None) => "no file".into(),
     });
@@ -73,13 +67,25 @@ fn print(console: &Console, relit: &Relit) {
     ));
 }
 
+/// What is in a file.
+fn content(w: &WrittenFile, views: &str) -> String {
+    let Content::Mesh { vertices, metres } = &w.content else { return views.into() };
+    let sides = metres.map(|sides| sides.map(|side| text::number(side, 3)).join(" × "));
+    let sides = sides.map(|sides| format!(", {sides} m")).unwrap_or_default();
+    format!("{} vertices{sides}", text::count(*vertices))
+}
+
+fn seconds(seconds: f64) -> String {
+    text::duration(Duration::from_secs_f64(seconds.max(0.0)))
+}
+
 /// The number that a file is judged by: its whole error, else its noise.
-fn error_of(w: &Written) -> f64 {
+fn error_of(w: &WrittenFile) -> f64 {
     w.total.map_or(w.rms_over_mean, |total| total.rms)
 }
 
 /// How far a file is from exact light transport, in short.
-fn error_text(w: &Written) -> String {
+fn error_text(w: &WrittenFile) -> String {
     let whole = match w.total {
         Some(total) => format!("within {} (95 %: {})", text::percent(total.rms), text::percent(total.percentile_95)),
         None => format!("noise {} of the mean", text::percent(w.rms_over_mean)),
@@ -105,11 +111,11 @@ fn parts_of_error(total: &TotalError, at_vertices: bool) -> String {
 }
 
 /// One file in detail.
-fn details(w: &Written) -> String {
+fn details(w: &WrittenFile) -> String {
     let mut times = vec![("contract", w.times.contract), ("look up", w.times.look_up)];
     times.extend((w.target.format == Format::Png).then_some(("render", w.times.render)));
     times.push(("write", w.times.write));
-    let times: Vec<String> = times.into_iter().map(|(name, time)| format!("{name} {}", text::duration(time))).collect();
+    let times: Vec<String> = times.into_iter().map(|(name, time)| format!("{name} {}", seconds(time))).collect();
     let noise = format!(
         "standard error of the radiance: RMS over the vertices {} of its mean; of the vertices' own, median {}, 95 % at \
          most {}",
@@ -135,7 +141,7 @@ fn details(w: &Written) -> String {
 }
 
 pub(super) fn report(console: &Console, relit: &Relit) {
-    let Relit { surfaces, files: written, read_time, transport_rays, drafts } = relit;
+    let Relit { surfaces, files: written, read_time, transport_rays, drafts, .. } = relit;
     let camera_rays: u64 = written.iter().map(|w| w.camera.rays).sum();
     print(console, relit);
     for s in surfaces.iter().filter(|s| s.below_a_texel > MOST_BELOW_A_TEXEL) {
@@ -154,7 +160,7 @@ pub(super) fn report(console: &Console, relit: &Relit) {
             text::percent(w.rms_over_mean)
         ));
     }
-    let ringing: Vec<&Written> = written.iter().filter(|w| w.negative > 0).collect();
+    let ringing: Vec<&WrittenFile> = written.iter().filter(|w| w.negative > 0).collect();
     if let Some(worst) = ringing.iter().max_by_key(|w| w.negative) {
         let (path, count) = (worst.target.path.display(), text::count(worst.negative));
         let others = match ringing.len() {
@@ -187,7 +193,7 @@ pub(super) fn report(console: &Console, relit: &Relit) {
             "at_vertices": s.at_vertices,
             "seconds": { "extract": s.extract_time.as_secs_f64(), "select": s.select_time.as_secs_f64() },
         })).collect::<Vec<_>>(),
-        "files": written.iter().map(file_json).collect::<Vec<_>>(),
+        "files": written.iter().map(WrittenFile::to_json).collect::<Vec<_>>(),
         "seconds": { "read": read_time.as_secs_f64() },
         "drafts": drafts.iter().map(|d| json!({
             "rays_per_texel": d.rays, "texels": d.texture, "written_after_seconds": d.written_after.as_secs_f64(),
@@ -196,32 +202,4 @@ pub(super) fn report(console: &Console, relit: &Relit) {
         "camera_rays": camera_rays,
         "sun_rays": written.iter().map(|w| w.sun_rays).sum::<u64>(),
     }));
-}
-
-fn file_json(w: &Written) -> Value {
-    json!({
-        "path": w.target.path.display().to_string(),
-        "isovalue": w.isovalue,
-        "environment": w.env,
-        "bytes": w.bytes,
-        "exposure_ev": w.exposure_ev,
-        "error": {
-            "rms_over_mean": w.rms_over_mean,
-            "medium_albedo_error": w.node_error,
-            "median_relative": finite(w.error.median),
-            "percentile_95_relative": finite(w.error.percentile_95),
-        },
-        "total_error": w.total.as_ref().map(total_json),
-        "negative_vertices": w.negative, "sun_rays": w.sun_rays, "light_notes": w.notes,
-        "emission_remainder": w.remainder,
-        "lookups": {
-            "all": w.report.lookups, "renormalised": w.report.renormalised,
-            "neighbourhood": w.report.neighbourhood, "unoccluded": w.report.unoccluded,
-            "unbaked": w.report.unbaked,
-        },
-        "seconds": {
-            "contract": w.times.contract.as_secs_f64(), "look_up": w.times.look_up.as_secs_f64(),
-            "render": w.times.render.as_secs_f64(), "write": w.times.write.as_secs_f64(),
-        },
-    })
 }

@@ -1,6 +1,5 @@
 //! What one run does: the bake of what is missing, drafts first, and every surface under every light.
 
-use super::file::Context;
 use super::{Draft, LitSurface, Relight, Relit};
 use crate::bake::{Request, Writing};
 use crate::cache::{Cache, Filled, InUse, drafts, lights};
@@ -9,7 +8,7 @@ use crate::cli::cache::{locate, prepare};
 use crate::cli::console::Console;
 use crate::cli::isovalue::{Chosen, tell};
 use crate::cli::light::by_option;
-use crate::cli::{Outcome, text};
+use crate::cli::{Failure, Outcome, text};
 use crate::error::Error;
 use crate::export::png::check_size;
 use crate::export::target::{Format, Target, make_folder, targets};
@@ -19,8 +18,8 @@ use crate::memory;
 use crate::probe::Probe;
 use crate::scene::geometry::Geometry;
 use crate::scene::{EmissionRule, MaterialRule, Member, SceneFile};
-use crate::session::{Part, Session, Surface};
-use crate::transfer::store::Store;
+use crate::session::{FileOptions, Part, Session, Surface};
+use crate::transfer::store::{Holdings, Store};
 use crate::volume::Volume;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -114,7 +113,9 @@ impl<'a> Work<'a> {
         transport_rays: u64,
         drafts: Vec<Draft>,
     ) -> Outcome<Relit> {
-        let context = Context { command: self.command, session, rule: &self.rule, emission: &self.emission };
+        let in_scene = session.members()[0].store().identity().scene.is_some();
+        let options = self.file_options(session.up(), in_scene);
+        let seconds = || self.start.elapsed().as_secs_f64();
         self.command.output.iter().try_for_each(|output| make_folder(output))?;
         let mut surfaces = Vec::new();
         let mut written = Vec::new();
@@ -123,11 +124,50 @@ impl<'a> Work<'a> {
             let surface = self.surface(session, isovalues, &mut surfaces)?;
             for (probe, targets) in self.probes.iter().zip(files.by_ref()) {
                 for target in targets {
-                    written.push(context.light(&surface, probe, target)?);
+                    let file = session.write_file(&surface, probe, target, &options, &seconds);
+                    written.push(file.map_err(|e| self.explained(session, e))?);
                 }
             }
         }
-        Ok(Relit { surfaces, files: written, read_time: self.read_time, transport_rays, drafts })
+        let views = self.command.picture.describe(session.up());
+        Ok(Relit { surfaces, files: written, views, read_time: self.read_time, transport_rays, drafts })
+    }
+
+    /// How files are lit and written.
+    fn file_options(&self, up: Up, in_scene: bool) -> FileOptions<'_> {
+        let c = self.command;
+        FileOptions {
+            light: c.light_options(in_scene),
+            albedo: &self.rule,
+            emission: &self.emission,
+            medium_albedo: c.material.medium_albedo.map(|albedo| albedo.0),
+            luminaires: &c.light.luminaires,
+            exposure: c.material.exposure,
+            mesh: c.mesh.options(),
+            picture: c.picture.options(up, c.transfer.rays.unwrap_or(64)),
+            turntable: c.picture.turntable(),
+            tells_no_sun: c.sun_split().is_some(),
+        }
+    }
+
+    /// The error for a surface whose texels the store does not have says what to type; others name options.
+    fn explained(&self, session: &Session<'_>, error: Error) -> Failure {
+        let Error::Unbaked { path, isovalue, unbaked, lookups, holds_all, isovalues, .. } = error else {
+            return by_option(error).into();
+        };
+        let held = Holdings { all: holds_all, isovalues, ..Holdings::default() }.isovalues_text();
+        let value = text::number(isovalue, 8);
+        let source = session.members()[0].store().provenance()["input"].as_str().unwrap_or("VOLUME");
+        Failure::Message(format!(
+            "{}: {} of {} lookups at isovalue {value} meet texels that were never baked; \
+             the store holds these isovalues: {held}; \
+             bake the missing ones into it: isolume bake {source} --isovalues {value} -o {} \
+             (with the options of the first bake)",
+            self.command.input,
+            text::count(unbaked),
+            text::count(lookups),
+            path.display(),
+        ))
     }
 
     /// Extracts the isosurface of every volume and finds its texels; what is told of it goes into `told`.

@@ -5,7 +5,9 @@ use crate::error::{Error, Result};
 use crate::file;
 use crate::quantity::number;
 use crate::scene::missing_store;
-use crate::volume::field;
+use crate::volume::isovalue::Chosen;
+use crate::volume::{Isovalue, Volume, field};
+use serde_json::{Value, json};
 use std::path::Path;
 
 /// Whether an argument names a store rather than a volume.
@@ -97,6 +99,22 @@ pub fn check_output(path: &Path) -> Result<()> {
 }
 
 impl Store {
+    /// An isovalue of its volume; `auto` is the one that it holds, if it holds only some.
+    ///
+    /// # Errors
+    /// When no surface has it, or the store is damaged.
+    pub fn choose(&self, volume: &Volume, isovalue: Isovalue) -> Result<Chosen> {
+        if isovalue == Isovalue::Auto {
+            // Looks at every chunk, so only where it matters.
+            let held = self.holdings()?;
+            if let Some(&value) = held.isovalues.first().filter(|_| !held.all) {
+                let reason = Some("the store holds it".into());
+                return Ok(Chosen { reason, ..Chosen::given(value, volume.solid) });
+            }
+        }
+        isovalue.resolve(volume, Some(volume.solid), None)
+    }
+
     /// Refuses, for what needs a texture, a store that has transfer at the vertices of surfaces alone.
     ///
     /// # Errors
@@ -129,6 +147,11 @@ impl Holdings {
             }
             (false, false) => list,
         }
+    }
+
+    /// The isovalues for programs: "all", or a list.
+    pub fn isovalues_json(&self) -> Value {
+        if self.all { json!("all") } else { json!(self.isovalues) }
     }
 
     /// How well the texels are baked, as text.
