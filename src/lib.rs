@@ -107,6 +107,7 @@
 //! | [`export`] | GLB, PLY, PNG, VTI, NRRD, contact sheets, atomic files | volumes, SH, light |
 //! | [`session`] | a store, its surfaces, and light on them: meshes and pictures, step by step | the bake, the clock |
 //! | [`cache`] | stores of volumes that are lit without a bake of their own: their place, drafts before them, what leaves | how a store is lit |
+//! | [`lit`] | from a store, a volume or a scene to files of lit surfaces: choices, drafts, bakes into the cache | the clock |
 //! | [`demo`] | the demonstration: a small brain, inside the program, baked and lit | the clock |
 //! | [`mod@compare`] | the store against paths and photons on the same surface, the budget of its errors, pictures of the difference | the clock |
 //! | [`study`] | what accuracy costs: settings against one reference, the front, the figure; where samples of a texture should lie | the clock |
@@ -172,6 +173,8 @@ pub mod export;
 pub mod session;
 #[doc(hidden)]
 pub mod cache;
+#[doc(hidden)]
+pub mod lit;
 #[doc(hidden)]
 pub mod demo;
 #[doc(hidden)]

@@ -66,7 +66,7 @@ impl Export {
             console.note(format!("{first}, the first volume of the store: --volume NAME takes another"));
         }
         let layout = store.layout();
-        let MaterialRule::Constant(albedo) = self.material.rule(volume.value_range())? else {
+        let MaterialRule::Constant(albedo) = self.material.choice().rule(volume.value_range())? else {
             let expected = "one albedo for all isosurfaces";
             return Err(
                 Error::argument("--colormap", "a colour scale", expected, "leave it out, or use relight").into()

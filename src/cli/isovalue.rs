@@ -1,9 +1,8 @@
 //! Isovalues on the command line.
 
 use super::console::Console;
-use super::text;
 
-pub(super) use crate::scene::{NamedIsovalue, check_count};
+pub(super) use crate::scene::NamedIsovalue;
 pub(super) use crate::volume::Isovalue;
 pub(super) use crate::volume::isovalue::Chosen;
 
@@ -19,12 +18,5 @@ pub(super) fn parse_named(text: &str) -> Result<NamedIsovalue, String> {
 
 /// What the program chose, and what a user should know of it.
 pub(super) fn tell(console: &Console, chosen: &[Chosen]) {
-    for c in chosen {
-        if let Some(reason) = &c.reason {
-            console.note(format!("isovalue {}: {reason}", text::number(c.value, 6)));
-        }
-        if let Some(warning) = &c.warning {
-            console.note(warning);
-        }
-    }
+    chosen.iter().flat_map(Chosen::notes).for_each(|text| console.note(text));
 }

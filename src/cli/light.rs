@@ -1,11 +1,9 @@
 //! Environments, materials and exposure as options.
 
-use super::Outcome;
 use crate::error::Error;
 use crate::probe::{EnvFrame, Layout, SunSplit};
-use crate::relight::{Exposure, Material};
-use crate::scene::MaterialRule;
-use crate::session::{LightOptions, LuminaireFactor};
+use crate::relight::Exposure;
+use crate::session::{LightOptions, LuminaireFactor, MaterialChoice};
 use crate::sh::Window;
 use clap::ValueEnum;
 
@@ -108,7 +106,6 @@ pub(super) fn by_option(error: Error) -> Error {
         "window" => ("--window", given, "leave out --keep-negative, or take another --window".into()),
         "luminaire" => ("--luminaire", given, remedy),
         "sun split" => ("--sun-split", given, remedy),
-        "isovalue" => ("--isovalue", given, remedy),
         "transfer" => ("--transfer", given, remedy),
         "scale bar" => ("--scale-bar", "with --perspective".into(), "leave out --perspective or the bar".into()),
         other => (other, given, remedy),
@@ -134,27 +131,27 @@ pub(super) fn parse_factor(argument: &str) -> Result<LuminaireFactor, String> {
 
 /// What the surface is made of.
 #[derive(clap::Args, Clone, Debug)]
-pub(crate) struct MaterialArgs {
+pub(super) struct MaterialArgs {
     /// Diffuse reflectance, one number or r,g,b, linear; with --colormap a factor on its colours [default: 0.7]
     #[arg(long, value_name = "RHO|R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
-    pub(crate) albedo: Option<Triple>,
+    pub(super) albedo: Option<Triple>,
     /// Albedo of the medium of a translucent solid that was baked with nodes (bake --translucent SIGMA,free), one number or three
     #[arg(long, value_name = "A[,G,B]", value_parser = parse_triple)]
-    pub(crate) medium_albedo: Option<Triple>,
+    pub(super) medium_albedo: Option<Triple>,
     /// Colour by isovalue: a colour scale, over the range of the volume or of LOW..HIGH
     #[arg(long, value_name = "NAME[:LOW..HIGH]")]
-    pub(crate) colormap: Option<String>,
+    pub(super) colormap: Option<String>,
     /// Emitted radiance, one number or r,g,b, linear [default: 0]
     #[arg(long, value_name = "E|R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
-    pub(crate) emission: Option<Triple>,
+    pub(super) emission: Option<Triple>,
     /// Exposure in stops, or auto: the 99th percentile of the brightest channel becomes white
     #[arg(long, value_name = "EV|auto", default_value = "auto", value_parser = parse_exposure, allow_hyphen_values = true)]
-    pub(crate) exposure: Exposure,
+    pub(super) exposure: Exposure,
 }
 
 /// One number for three channels, or three.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Triple(pub(crate) [f32; 3]);
+pub(super) struct Triple(pub(super) [f32; 3]);
 
 pub(super) fn parse_triple(text: &str) -> Result<Triple, String> {
     let numbers: Option<Vec<f32>> =
@@ -177,15 +174,14 @@ fn parse_exposure(text: &str) -> Result<Exposure, String> {
 }
 
 impl MaterialArgs {
-    /// Whether the albedo was given.
-    pub(super) fn says_albedo(&self) -> bool {
-        self.albedo.is_some() || self.colormap.is_some()
-    }
-
-    /// The material of each isovalue; `range` is that of the volume.
-    pub(crate) fn rule(&self, range: (f64, f64)) -> Outcome<MaterialRule> {
-        let albedo = self.albedo.map_or([0.7; 3], |albedo| albedo.0);
-        Material::new(albedo, self.emission.map_or([0.0; 3], |emission| emission.0))?;
-        Ok(MaterialRule::of_colours(self.colormap.as_deref(), albedo, range)?)
+    /// The same for the library.
+    pub(super) fn choice(&self) -> MaterialChoice {
+        MaterialChoice {
+            albedo: self.albedo.map(|albedo| albedo.0),
+            colormap: self.colormap.clone(),
+            emission: self.emission.map(|emission| emission.0),
+            medium_albedo: self.medium_albedo.map(|albedo| albedo.0),
+            exposure: self.exposure,
+        }
     }
 }

@@ -1,13 +1,11 @@
 //! Pictures as options.
 
 use super::text;
-use crate::error::{Error, Result};
 use crate::geom::Up;
-use crate::render::{Projection, View};
-use crate::session::{Background, FRAME, Framing, PictureOptions, Tone, Turntable};
+use crate::render::{Projection, VIEWS, View, Viewpoint};
+use crate::session::{Background, Framing, PictureOptions, Tone, Turntable};
 use crate::srgb;
 use clap::ValueEnum;
-use std::path::{Path, PathBuf};
 
 /// From where a surface is seen.
 #[derive(clap::Args, Clone, Debug)]
@@ -22,40 +20,6 @@ pub(super) struct ViewArgs {
     /// Size of the picture
     #[arg(long, default_value = "960x720", value_name = "WxH", value_parser = parse_size)]
     pub(super) size: (usize, usize),
-}
-
-/// A view by name, or by angles.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Viewpoint {
-    Named(&'static str),
-    At(View),
-}
-
-impl Viewpoint {
-    /// The view of a volume that stands as `up` says.
-    pub(super) fn view(self, up: Up) -> View {
-        match self {
-            // Names come from `VIEWS`, all of which are known.
-            Self::Named(name) => View::named(name, up).unwrap_or(View { azimuth: 0.0, elevation: 0.0 }),
-            Self::At(view) => view,
-        }
-    }
-
-    /// In words: the name, the side it is of a patient, and the angles.
-    pub(super) fn describe(self, up: Up) -> String {
-        let View { azimuth, elevation } = self.view(up);
-        let angles = format!("azimuth {azimuth}°, elevation {elevation}°");
-        let Self::Named(name) = self else { return format!("view {angles}") };
-        let side = match name {
-            "front" => ", anterior",
-            "back" => ", posterior",
-            "left" | "right" => ", the patient's",
-            "top" => ", superior",
-            "bottom" => ", inferior",
-            _ => ", front left",
-        };
-        format!("view {name}{} ({angles})", if up.is_anatomical() { side } else { "" })
-    }
 }
 
 /// How a preview looks.
@@ -134,9 +98,7 @@ pub(super) enum Frame {
     Box,
 }
 
-const VIEWS: [&str; 7] = ["front", "back", "left", "right", "top", "bottom", "iso"];
-
-fn parse_view(name: &str) -> std::result::Result<Viewpoint, String> {
+fn parse_view(name: &str) -> Result<Viewpoint, String> {
     if let Some(name) = VIEWS.iter().find(|known| **known == name) {
         return Ok(Viewpoint::Named(name));
     }
@@ -152,14 +114,14 @@ fn parse_view(name: &str) -> std::result::Result<Viewpoint, String> {
     }
 }
 
-fn parse_field_of_view(text: &str) -> std::result::Result<f64, String> {
+fn parse_field_of_view(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(degrees) if (1.0..=150.0).contains(&degrees) => Ok(degrees),
         _ => Err("give degrees from 1 to 150".into()),
     }
 }
 
-fn parse_size(text: &str) -> std::result::Result<(usize, usize), String> {
+fn parse_size(text: &str) -> Result<(usize, usize), String> {
     let sides = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
     match sides {
         Some((w, h)) if (1..=16384).contains(&w) && (1..=16384).contains(&h) => Ok((w, h)),
@@ -168,7 +130,7 @@ fn parse_size(text: &str) -> std::result::Result<(usize, usize), String> {
 }
 
 /// A colour as linear RGB and alpha, or the environment.
-fn parse_background(text: &str) -> std::result::Result<Background, String> {
+fn parse_background(text: &str) -> Result<Background, String> {
     let hex = |i: usize| text.get(i..i + 2).and_then(|h| u8::from_str_radix(h, 16).ok()).map(srgb::linear_from_byte);
     let colour = match text {
         "environment" => return Ok(Background::Environment),
@@ -191,8 +153,8 @@ impl ViewArgs {
 }
 
 impl PictureArgs {
-    /// A picture of what has `up` up. `wall_paths` is the most paths of what is seen of walls.
-    pub(super) fn options(&self, up: Up, wall_paths: u32) -> PictureOptions {
+    /// A picture, without the view. `wall_paths` is the most paths of what is seen of walls.
+    pub(super) fn options(&self, wall_paths: u32) -> PictureOptions {
         let framing = match self.frame {
             // On a turntable what is seen keeps its size.
             _ if self.turntable.is_some() => Framing::Turntable,
@@ -202,7 +164,7 @@ impl PictureArgs {
         PictureOptions {
             width: self.seen.size.0,
             height: self.seen.size.1,
-            view: self.seen.view.view(up),
+            view: self.seen.view.view(Up::default()),
             projection: self.seen.projection(),
             framing,
             cap: self.cap == Cap::Flat,
@@ -214,32 +176,8 @@ impl PictureArgs {
         }
     }
 
-    /// What pictures are, in words.
-    pub(super) fn describe(&self, up: Up) -> String {
-        let frames = self.turntable.map(|frames| format!("{frames} frames of ")).unwrap_or_default();
-        let (width, height) = self.seen.size;
-        format!("{frames}{width} × {height}, {}", self.seen.view.describe(up))
-    }
-
     /// The turntable, if pictures are of one.
     pub(super) fn turntable(&self) -> Option<Turntable> {
         self.turntable.map(|frames| Turntable { frames, turns_light: self.turn == Turn::Light })
-    }
-
-    /// The output as a pattern: for a turntable into a directory, names in it.
-    ///
-    /// # Errors
-    /// When the names of a turntable's pictures would be the same.
-    pub(super) fn pattern(&self, output: &Path) -> Result<PathBuf> {
-        let text = output.to_string_lossy();
-        if self.turntable.is_none() || text.contains(FRAME) {
-            return Ok(output.into());
-        }
-        if output.is_dir() || text.ends_with(['/', '\\']) {
-            return Ok(output.join(format!("{{isovalue}}-{{env}}-{FRAME}.png")));
-        }
-        let expected = format!("a directory, or {FRAME} in the name of a .png");
-        let remedy = "write for example -o turn/ or -o turn-{frame}.png";
-        Err(Error::argument("output", output.display(), expected, remedy))
     }
 }

@@ -2,4 +2,3 @@
 
 pub(crate) use super::cache::{locate, prepare};
 pub(crate) use super::input::parse_up;
-pub(crate) use super::light::{MaterialArgs, Triple};

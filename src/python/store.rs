@@ -8,14 +8,13 @@ use super::watch;
 use crate::bake::{Goal, Observer, Request, Writing, run};
 use crate::cache::InUse;
 use crate::cli::Failure;
-use crate::cli::shared::{MaterialArgs, Triple};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::memory;
 use crate::probe::{EMBEDDED, Probe};
 use crate::relight::{Exposure, Material};
 use crate::scene::{DARK, Effects, Scene, open_probe};
-use crate::session::{LightOptions, LitOptions, LuminaireFactor, RelitField, Session};
+use crate::session::{LightOptions, LitOptions, LuminaireFactor, MaterialChoice, RelitField, Session};
 use crate::sh::Window;
 use crate::transfer::store::{EstimatorIdentity, Store as Held};
 use crate::transport::Settings as Paths;
@@ -231,7 +230,7 @@ impl Store {
 /// Light and material as they were given.
 struct Given {
     options: LightOptions,
-    material: MaterialArgs,
+    material: MaterialChoice,
     luminaires: Vec<LuminaireFactor>,
 }
 
@@ -263,19 +262,14 @@ impl Given {
             LightOptions { rotation_degrees: rotate, window, split_sun: sun_split.parse()?, ..LightOptions::default() };
         let luminaires =
             luminaires.into_iter().map(|(luminaire, factor)| LuminaireFactor { luminaire, factor }).collect();
-        let material = MaterialArgs {
-            albedo: Some(Triple(albedo)),
-            medium_albedo: None,
-            colormap,
-            emission: Some(Triple(emission)),
-            exposure,
-        };
+        let material =
+            MaterialChoice { albedo: Some(albedo), medium_albedo: None, colormap, emission: Some(emission), exposure };
         Ok(Self { options, material, luminaires })
     }
 
     fn material(&self, range: (f64, f64), isovalue: f64) -> std::result::Result<Material, Failure> {
         let albedo = self.material.rule(range)?.albedo(isovalue);
-        Ok(Material::new(albedo, self.material.emission.map_or([0.0; 3], |emission| emission.0))?)
+        Ok(Material::new(albedo, self.material.emission.unwrap_or([0.0; 3]))?)
     }
 }
 

@@ -44,6 +44,45 @@ impl View {
     }
 }
 
+/// Names of views.
+pub const VIEWS: [&str; 7] = ["front", "back", "left", "right", "top", "bottom", "iso"];
+
+/// A view by name, or by angles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Viewpoint {
+    /// By a name of [`VIEWS`].
+    Named(&'static str),
+    /// By angles.
+    At(View),
+}
+
+impl Viewpoint {
+    /// The view of a volume that stands as `up` says.
+    pub fn view(self, up: Up) -> View {
+        match self {
+            // Names come from `VIEWS`, all of which are known.
+            Self::Named(name) => View::named(name, up).unwrap_or(View { azimuth: 0.0, elevation: 0.0 }),
+            Self::At(view) => view,
+        }
+    }
+
+    /// In words: the name, the side it is of a patient, and the angles.
+    pub fn describe(self, up: Up) -> String {
+        let View { azimuth, elevation } = self.view(up);
+        let angles = format!("azimuth {azimuth}°, elevation {elevation}°");
+        let Self::Named(name) = self else { return format!("view {angles}") };
+        let side = match name {
+            "front" => ", anterior",
+            "back" => ", posterior",
+            "left" | "right" => ", the patient's",
+            "top" => ", superior",
+            "bottom" => ", inferior",
+            _ => ", front left",
+        };
+        format!("view {name}{} ({angles})", if up.is_anatomical() { side } else { "" })
+    }
+}
+
 /// A camera in world space.
 #[derive(Clone, Copy, Debug)]
 pub struct Camera {

@@ -7,7 +7,7 @@ mod pixels;
 mod preview;
 mod sun;
 
-pub use camera::{Camera, Projection, View};
+pub use camera::{Camera, Projection, VIEWS, View, Viewpoint};
 pub use pixels::{SeenPoint, seen_points};
 pub use preview::{Backdrop, Picture, RenderOptions, Subject, radiance_along, render};
 pub use sun::{PENUMBRA, SunLight, SunVisibility, sun_visibility};

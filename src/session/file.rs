@@ -4,7 +4,7 @@ use super::{
     LightNote, LightOptions, Lit, LitTexels, LuminaireFactor, MeshOptions, PictureOptions, Session, Surface,
     total_json, with_medium_albedo,
 };
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::export::target::{Format, Target};
 use crate::file::size_on_disk;
 use crate::level::Counts;
@@ -51,6 +51,23 @@ pub struct Turntable {
 }
 
 impl Turntable {
+    /// The output as a pattern: into a directory, names in it.
+    ///
+    /// # Errors
+    /// When the names of a turntable's pictures would be the same.
+    pub fn pattern(output: &Path) -> Result<PathBuf> {
+        let text = output.to_string_lossy();
+        if text.contains(FRAME) {
+            return Ok(output.into());
+        }
+        if output.is_dir() || text.ends_with(['/', '\\']) {
+            return Ok(output.join(format!("{{isovalue}}-{{env}}-{FRAME}.png")));
+        }
+        let expected = format!("a directory, or {FRAME} in the name of a .png");
+        let remedy = "write for example -o turn/ or -o turn-{frame}.png";
+        Err(Error::argument("output", output.display(), expected, remedy))
+    }
+
     /// How far it is turned in a picture, in degrees.
     fn degrees(self, frame: u32) -> f64 {
         360.0 * f64::from(frame) / f64::from(self.frames)

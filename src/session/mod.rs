@@ -35,6 +35,7 @@ mod file;
 mod isosurface;
 mod light;
 mod lit;
+mod material;
 mod member;
 mod picture;
 mod relightable;
@@ -56,6 +57,8 @@ pub use file::{Content, FRAME, FileOptions, FileTimes, Turntable, WrittenFile};
 pub use isosurface::Isosurface;
 pub use light::{LightNote, LightOptions, Lighting, SUN_RAYS};
 pub use lit::{Lit, LitOptions, LitTexels};
+#[doc(hidden)]
+pub use material::MaterialChoice;
 pub use member::Member;
 pub use picture::{Background, Framing, PictureOptions, Still};
 pub use surface::{Merged, Part, Surface};

@@ -61,11 +61,12 @@ pub const LAYERS: &[Layer] = &[
     // Not how a store came about.
     layer("session", &["bake"]),
     layer("cache", &["level", "relight", "render"]),
-    layer("demo", &[]),
-    layer("compare", &["cache", "demo"]),
-    layer("study", &["cache"]),
-    layer("inspect", &["cache", "compare", "study"]),
-    layer("view", &["transport", "cache"]),
+    layer("lit", &[]),
+    layer("demo", &["lit"]),
+    layer("compare", &["cache", "lit", "demo"]),
+    layer("study", &["cache", "lit", "demo"]),
+    layer("inspect", &["cache", "lit", "demo", "compare", "study"]),
+    layer("view", &["transport", "cache", "lit", "demo"]),
     layer("cli", &[]),
     // A second caller of the same calls; what the program has beside them (the cache, memory, options as text) it shares.
     layer("python", &[]),

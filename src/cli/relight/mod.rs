@@ -1,33 +1,26 @@
 //! `isolume relight`: light on surfaces, from a store, in milliseconds.
 
-mod joint;
-mod lobes;
 mod report;
-mod work;
 
+use super::baking::{details, filler};
+use super::cache::{locate, prepare};
 use super::console::Console;
 use super::input::VolumeArgs;
-use super::isovalue::{Chosen, Isovalue, NamedIsovalue, check_count, parse_named};
-use super::light::{LightArgs, MaterialArgs};
+use super::isovalue::{NamedIsovalue, parse_named};
+use super::light::{LightArgs, MaterialArgs, by_option};
 use super::options::TransferArgs;
 use super::picture::PictureArgs;
 use super::{Failure, Outcome, text};
 use crate::error::Error;
 use crate::export::inputs::Inputs;
-use crate::probe::MOST_SUNS;
-use crate::probe::{Probe, SunOptions, SunSplit, split_sun};
-use crate::scene::geometry::Geometry;
-use crate::scene::{EmissionRule, MaterialRule, Scene, SceneFile, open_probe};
-use crate::session::{LightOptions, MeshOptions, Part, Session, WrittenFile};
-use crate::sh::Window;
-use crate::transfer::store::is_store;
-use crate::transfer::store::{FRONT_NOT_RECORDED, Store};
-use crate::volume::Volume;
-use crate::volume::isovalue::Level;
+use crate::lit::{Host, Job};
+use crate::probe::{Probe, SunSplit};
+use crate::scene::{SceneFile, VolumeOptions, open_probe};
+use crate::session::MeshOptions;
+use crate::transfer::store::{Holdings, Store};
 use report::report;
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
-use work::{Source, Work};
+use std::path::PathBuf;
+use std::time::Instant;
 
 /// Light isosurfaces by environments and write them as .glb, .ply, .stl or .png
 ///
@@ -116,9 +109,6 @@ struct MeshArgs {
     scale: Option<f64>,
 }
 
-/// Share of the light of a lamp that dominates.
-const DOMINANT: f64 = 0.15;
-
 impl MeshArgs {
     fn options(&self) -> MeshOptions {
         MeshOptions {
@@ -130,220 +120,59 @@ impl MeshArgs {
     }
 }
 
-/// What a run of the command did.
-struct Relit {
-    surfaces: Vec<LitSurface>,
-    files: Vec<WrittenFile>,
-    /// What pictures are.
-    views: String,
-    read_time: Duration,
-    transport_rays: u64,
-    drafts: Vec<Draft>,
-}
-
-/// An isosurface in numbers.
-struct LitSurface {
-    isovalue: f64,
-    vertices: u64,
-    triangles: u64,
-    bricks: u64,
-    /// Whether its vertices have transfer of their own.
-    at_vertices: bool,
-    below_a_texel: f64,
-    extract_time: Duration,
-    select_time: Duration,
-}
-
-impl LitSurface {
-    fn new(part: &Part, extract_time: Duration, select_time: Duration) -> Self {
-        let mesh = part.isosurface().mesh();
-        Self {
-            isovalue: part.isosurface().isovalue(),
-            vertices: mesh.positions_in_grid.len() as u64,
-            triangles: mesh.triangles.len() as u64,
-            bricks: part.bricks().len() as u64,
-            at_vertices: part.isosurface().transfer().is_some(),
-            below_a_texel: part.below_a_texel(),
-            extract_time,
-            select_time,
-        }
-    }
-}
-
-/// A first version of the files, written before the bake was done.
-struct Draft {
-    rays: u32,
-    texture: [usize; 3],
-    /// From the start of the command until all files were written.
-    written_after: Duration,
-}
-
 impl Relight {
     pub(in crate::cli) fn run(&self, seed: u64, console: &Console) -> Outcome {
-        report(console, &self.execute(seed, console)?);
-        Ok(())
-    }
-
-    /// Lights and writes; prints no result.
-    fn execute(&self, seed: u64, console: &Console) -> Outcome<Relit> {
         let start = Instant::now();
         if let Some(scale) = self.mesh.scale
             && !(scale.is_finite() && scale > 0.0)
         {
             return Err(Error::argument("--scale", scale, "a positive number", "give metres to a world unit").into());
         }
-        let inputs = self.inputs();
+        let scene = self.scene.as_ref();
+        let inputs =
+            Inputs::new(self.env.iter().chain([&self.input])).with(scene.into_iter().flat_map(SceneFile::files));
         self.output.iter().try_for_each(|output| inputs.refuse(output))?;
         // Whatever can be wrong is refused before the bake, which may take minutes.
-        self.material.rule((0.0, 1.0))?;
+        let material = self.material.choice();
+        material.rule((0.0, 1.0))?;
         let probes = self.open_probes(console)?;
-        check_count(self.isovalue.len())?;
-        if is_store(&self.input) {
-            self.volume.options().refuse_for("a store")?;
-            self.refuse_effects_of_bakes()?;
-            let store = Store::open(&self.input)?;
-            if store.identity().scene.as_ref().is_some_and(|scene| scene.coupling.is_some()) {
-                return self.light_members(&store, None, 0, &probes, start, console);
-            }
-            self.refuse_names("the store holds one volume alone")?;
-            let volume = store.volume()?;
-            for note in volume.notes.iter().filter(|note| note.text == FRONT_NOT_RECORDED) {
-                if self.volume.frame_of.is_none() {
-                    console.note(format!("{} (--frame-of anatomical)", note.text));
-                }
-            }
-            if store.identity().scene.is_none() {
-                self.tell_of_lamps(&probes, console);
-            }
-            let chosen = self.isovalues_of_store(&store, &volume)?;
-            let work = Work::new(self, &volume, &chosen, &probes, start, console)?;
-            let source = Source { store, transport_rays: 0 };
-            return work.light(&source, Vec::new());
-        }
-        let mut scene = self.transfer.open(&self.input, self.scene.as_ref(), &self.volume)?;
-        if scene.members().len() > 1 {
-            return self.light_scene(scene, &probes, seed, start, console);
-        }
-        self.refuse_names("this is one volume alone")?;
-        let Some(opened) = scene.members_mut().first_mut() else {
-            return Err(Failure::Message("a scene without volumes".into()));
+        let quality = self.transfer.quality(&[], seed);
+        let job = Job {
+            input: &self.input,
+            scene,
+            isovalues: self.isovalue.clone(),
+            of_volume: self.of_volume.as_deref(),
+            probes: &probes,
+            outputs: &self.output,
+            inputs: &inputs,
+            allow_empty: self.allow_empty,
+            volume: VolumeOptions { shadowing: quality.effects.shadowing(), ..self.volume.options() },
+            quality,
+            fog: self.transfer.fog,
+            translucent: self.transfer.translucent,
+            light: self.light.options(SunSplit::Auto),
+            sun_split: self.light.sun_split,
+            luminaires: &self.light.luminaires,
+            material,
+            mesh: self.mesh.options(),
+            view: self.picture.seen.view,
+            picture: self.picture.options(self.transfer.rays.unwrap_or(64)),
+            turntable: self.picture.turntable(),
+            drafts: !self.no_draft,
         };
-        let resolve = |i: &NamedIsovalue| {
-            let resolved = self.or_empty(&i.isovalue, &opened.volume, opened.choose(i.isovalue));
-            resolved.map_err(|e| self.scene.iter().fold(e, |e, file| file.at_isovalue(i.isovalue, e)))
+        let host = Host {
+            cache: &|| {
+                let cache = locate(self.cache.as_deref())?;
+                prepare(&cache)?;
+                Ok(cache)
+            },
+            fill: &filler(start, console),
+            filled: &|filled| details(filled, console),
+            note: &|text| console.note(text),
+            seconds: &|| start.elapsed().as_secs_f64(),
         };
-        let chosen = self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?;
-        if let Some(levels) = lobes::levels(self, opened, &chosen) {
-            let [above, below] = levels.map(|level| text::number(level, 6));
-            let reason = chosen[0].reason.as_ref().map(|r| format!(": {r}")).unwrap_or_default();
-            console.note(format!("two lobes, above {above} and below {below}{reason}; they light each other"));
-            let (command, file) = lobes::scene(self, opened, levels)?;
-            drop(scene);
-            let scene = file.open(&command.volume.options(), &command.transfer.effects())?;
-            return Relight { scene: Some(file), ..command }.light_scene(scene, &probes, seed, start, console);
-        }
-        let chosen = self.with_more(chosen, console);
-        opened.take_side(&chosen)?;
-        for note in &opened.volume.notes {
-            console.note(&note.text);
-        }
-        let mut work = Work::new(self, &opened.volume, &chosen, &probes, start, console)?;
-        work.geometry = opened.geometry.as_ref();
-        if opened.geometry.is_none() {
-            self.tell_of_lamps(&probes, console);
-        }
-        work.bake_and_light(opened, seed)
-    }
-
-    /// What is read.
-    fn inputs(&self) -> Inputs {
-        Inputs::new(self.env.iter().chain([&self.input])).with(self.scene.iter().flat_map(SceneFile::files))
-    }
-
-    /// Bakes the volumes of a scene of several, and lights them.
-    fn light_scene(
-        &self,
-        scene: Scene,
-        probes: &[Probe],
-        seed: u64,
-        start: Instant,
-        console: &Console,
-    ) -> Outcome<Relit> {
-        let baked = joint::bake(self, scene, probes, (seed, start), console)?;
-        let done = self.light_members(&baked.store, baked.geometry.as_ref(), baked.rays, probes, start, console)?;
-        baked.cache.tidy(&|text| console.note(text));
-        drop(baked.in_use);
-        Ok(done)
-    }
-
-    /// Whether an output has a name of its own for each isovalue.
-    fn tells_isovalues_apart(&self, output: &Path) -> bool {
-        let text = output.to_string_lossy();
-        text.contains("{isovalue}") || output.is_dir() || text.ends_with(['/', '\\'])
-    }
-
-    /// The isovalues with those that belong to them, such as further labels, where there is a file for each; else a note.
-    fn with_more(&self, chosen: Vec<Chosen>, console: &Console) -> Vec<Chosen> {
-        let has_files = self.output.iter().all(|output| self.tells_isovalues_apart(output));
-        let mut all = Vec::new();
-        for one in chosen {
-            let (same, other): (Vec<Level>, Vec<Level>) = one.more.iter().partition(|level| level.solid == one.solid);
-            let left_out: Vec<Level> = if has_files { other } else { one.more.clone() };
-            let (solid, reason) = (one.solid, one.reason.clone());
-            all.push(one);
-            if has_files {
-                all.extend(same.iter().map(|l| Chosen { reason: reason.clone(), ..Chosen::given(l.value, solid) }));
-            }
-            if !left_out.is_empty() {
-                let list: Vec<String> = left_out.iter().map(|level| text::number(level.value, 6)).collect();
-                console.note(format!("not shown: {}; give them with --isovalue", list.join(", ")));
-            }
-        }
-        all
-    }
-
-    /// Lights the volumes of a store together, or the one that is named.
-    fn light_members(
-        &self,
-        store: &Store,
-        geometry: Option<&Geometry>,
-        transport_rays: u64,
-        probes: &[Probe],
-        start: Instant,
-        console: &Console,
-    ) -> Outcome<Relit> {
-        if let Some(name) = &self.of_volume {
-            if let Some(other) = self.isovalue.iter().filter_map(|i| i.volume.as_ref()).find(|v| *v != name) {
-                let remedy = "leave out one of them";
-                return Err(Error::argument("--isovalue", format!("{other}=…"), format!("{name}=…"), remedy).into());
-            }
-            let store = store.of_volume(name)?;
-            let volume = store.volume()?;
-            let chosen = self.isovalues_of_store(&store, &volume)?;
-            let work = Work::new(self, &volume, &chosen, probes, start, console)?;
-            return work.light(&Source { store, transport_rays }, Vec::new());
-        }
-        let session = Session::open(store)?.with_geometry(geometry);
-        let up = self.volume.options().up_of(session.up())?;
-        let session = session.with_up(up);
-        let volume = session.members()[0].volume();
-        let resolved = self.isovalue.iter().map(|i| session.choose(i)).collect::<Result<Vec<_>, Error>>()?;
-        let (chosen, isovalues): (Vec<Chosen>, Vec<Vec<f64>>) = resolved.into_iter().unzip();
-        let work = Work::new(self, volume, &chosen, probes, start, console)?;
-        work.light_in(&session, &isovalues, transport_rays, Vec::new())
-    }
-
-    /// Names of volumes make sense only where there are several.
-    fn refuse_names(&self, why: &str) -> Outcome {
-        let named =
-            self.isovalue.iter().find_map(|i| i.volume.as_ref()).map(|name| ("--isovalue", format!("{name}=…")));
-        match self.of_volume.as_ref().map(|name| ("--volume", name.clone())).or(named) {
-            None => Ok(()),
-            Some((option, given)) => {
-                let expected = "a store or a scene of several volumes";
-                Err(Error::argument(option, given, expected, format!("{why}: leave the name out")).into())
-            }
-        }
+        report(console, &job.run(&host).map_err(|failure| self.explained(failure))?);
+        Ok(())
     }
 
     fn open_probes(&self, console: &Console) -> Outcome<Vec<Probe>> {
@@ -359,102 +188,29 @@ impl Relight {
         Ok(probes)
     }
 
-    /// Says what a lamp that stays in light of a few bands does to it, and what helps.
-    fn tell_of_lamps(&self, probes: &[Probe], console: &Console) {
-        let options = self.light_options(false);
-        let why = match (options.split_sun, options.window) {
-            (SunSplit::Off, _) if self.mesh.transfer && self.sun_split().is_none() => "--transfer carries no rays",
-            (SunSplit::Auto, window) if window != Window::None => "--window leaves it there",
-            _ => return,
+    /// The error for a surface whose texels the store does not have says what to type; others name options.
+    fn explained(&self, failure: Failure) -> Failure {
+        let error = match failure {
+            Failure::Library(error) => error,
+            other => return other,
         };
-        for probe in probes {
-            let split = split_sun(probe, &SunOptions::default());
-            if let Some(lamp) = split.suns.first().filter(|lamp| lamp.flux_share > DOMINANT) {
-                console.note(format!(
-                    "{}: a lamp {:.1}° across has {} of the light and stays in it ({why}): a few bands blur its shadows; \
-                     --sun-split lights it directly",
-                    probe.name,
-                    2.0 * lamp.sun.angular_radius.to_degrees(),
-                    text::percent(lamp.flux_share)
-                ));
-            }
-        }
-    }
-
-    /// What a store holds cannot be switched any more.
-    fn refuse_effects_of_bakes(&self) -> Outcome {
-        let effects = self.transfer.effects();
-        let Some(name) = ["shadowing", "interreflection"].into_iter().find(|n| effects.switched(n).is_some()) else {
-            return Ok(());
+        let Error::Unbaked { path, isovalue, unbaked, lookups, holds_all, isovalues, .. } = error else {
+            return by_option(error).into();
         };
-        let given = format!("{name} with a store");
-        let expected = "an effect that is not in the store already";
-        let remedy = "switch it at the bake, or relight the volume itself";
-        Err(Error::argument("--effects", given, expected, remedy).into())
-    }
-
-    /// Albedo over the isovalue: as options say, else the scene.
-    fn albedo_rule(&self, range: (f64, f64)) -> Outcome<MaterialRule> {
-        match self.scene.as_ref().and_then(|file| file.description.albedo.as_ref()) {
-            Some(albedo) if !self.material.says_albedo() => Ok(albedo.rule(range)),
-            _ => self.material.rule(range),
-        }
-    }
-
-    /// Emission over the isovalue: as options say, else the scene; none where it is switched off.
-    fn emission_rule(&self) -> EmissionRule {
-        if self.transfer.effects().switched("emission") == Some(false) {
-            return EmissionRule::Constant([0.0; 3]);
-        }
-        let of_scene = self.scene.as_ref().and_then(|file| file.description.emission.clone());
-        match self.material.emission {
-            Some(emission) => EmissionRule::Constant(emission.0),
-            None => of_scene.unwrap_or(EmissionRule::Constant([0.0; 3])),
-        }
-    }
-
-    /// Which lamps are lit apart, where that was asked for.
-    fn sun_split(&self) -> Option<SunSplit> {
-        match self.transfer.effects().switched("sun-split") {
-            Some(false) => Some(SunSplit::Off),
-            Some(true) => Some(self.light.sun_split.filter(|split| *split != SunSplit::Off).unwrap_or_default()),
-            None => self.light.sun_split,
-        }
-    }
-
-    /// How environments light a volume alone, or a scene: there lamps are split off only where that was asked for, and
-    /// then refused.
-    fn light_options(&self, in_scene: bool) -> LightOptions {
-        let otherwise = if in_scene || self.mesh.transfer { SunSplit::Off } else { SunSplit::Auto };
-        let split = match self.sun_split() {
-            Some(SunSplit::Auto) if in_scene => SunSplit::Lobes(MOST_SUNS),
-            asked => asked.unwrap_or(otherwise),
-        };
-        self.light.options(split)
-    }
-
-    /// The isovalues asked for; `auto` is the one that the store holds, if it holds only some.
-    fn isovalues_of_store(&self, store: &Store, volume: &Volume) -> Outcome<Vec<Chosen>> {
-        if let Some(side) = self.volume.solid
-            && crate::volume::Solid::from(side) != volume.solid
-        {
-            let expected = format!("the side the store was baked for, {}", store.identity().solid);
-            let given = format!("{side:?}").to_lowercase();
-            return Err(Error::argument("--solid", given, expected, "bake the volume again with this --solid").into());
-        }
-        let resolve = |i: &NamedIsovalue| self.or_empty(&i.isovalue, volume, store.choose(volume, i.isovalue));
-        Ok(self.isovalue.iter().map(resolve).collect::<Result<Vec<_>, Error>>()?)
-    }
-
-    /// An isovalue for a volume; with `--allow-empty` one that no surface has, too.
-    fn or_empty(&self, isovalue: &Isovalue, volume: &Volume, resolved: Result<Chosen, Error>) -> Result<Chosen, Error> {
-        match resolved {
-            Err(_) if self.allow_empty => {
-                let value = if let Isovalue::Value(value) = isovalue { *value } else { volume.value_range().1 };
-                let reason = Some("no surface has it; what is written is empty".into());
-                Ok(Chosen { reason, ..Chosen::given(value, volume.solid) })
-            }
-            resolved => resolved,
-        }
+        let held = Holdings { all: holds_all, isovalues, ..Holdings::default() }.isovalues_text();
+        let value = text::number(isovalue, 8);
+        // What it was baked from, as its user named it.
+        let of_store = Store::open(&path).ok().and_then(|s| Some(s.provenance()["input"].as_str()?.to_string()));
+        let source = of_store.as_deref().unwrap_or("VOLUME");
+        Failure::Message(format!(
+            "{}: {} of {} lookups at isovalue {value} meet texels that were never baked; \
+             the store holds these isovalues: {held}; \
+             bake the missing ones into it: isolume bake {source} --isovalues {value} -o {} \
+             (with the options of the first bake)",
+            self.input,
+            text::count(unbaked),
+            text::count(lookups),
+            path.display(),
+        ))
     }
 }

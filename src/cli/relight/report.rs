@@ -1,12 +1,11 @@
 //! What is printed about a run, for people and for programs.
 
-use super::Relit;
 use crate::cli::console::Console;
 use crate::cli::text;
 use crate::export::target::Format;
+use crate::lit::Relit;
 use crate::relight::{ErrorTerm, TotalError};
 use crate::session::{Content, WrittenFile};
-use serde_json::json;
 use std::time::Duration;
 
 /// Share of a surface below a texel from which on it is told.
@@ -21,7 +20,7 @@ fn relative(error: f64) -> String {
 
 /// The files and a line of summary, for people.
 fn print(console: &Console, relit: &Relit) {
-    let Relit { surfaces, files: written, views, read_time, transport_rays, .. } = relit;
+    let Relit { surfaces, files: written, views, read_seconds, transport_rays, .. } = relit;
     for w in written {
         let what = format!("{}, {}", content(w, views), text::bytes(w.bytes as f64));
         console.summary(text::file_line(&w.target.path, &what));
@@ -51,7 +50,7 @@ fn print(console: &Console, relit: &Relit) {
             text::count(s.bricks),
             if s.at_vertices { "vertices" } else { "texels of the texture" },
         );
-        let times = format!("extract {}, select {}", text::duration(s.extract_time), text::duration(s.select_time));
+        let times = format!("extract {}, select {}", seconds(s.extract_seconds), seconds(s.select_seconds));
         console.detail(text::table(&[vec!["surface".into(), found], vec!["time".into(), times]]));
     }
     for w in written {
@@ -60,7 +59,7 @@ fn print(console: &Console, relit: &Relit) {
     let camera_rays: u64 = written.iter().map(|w| w.camera.rays).sum();
     console.detail(format!(
         "\nread {}; transport rays {}, camera rays {}, sun rays {}",
-        text::duration(*read_time),
+        seconds(*read_seconds),
         text::count(*transport_rays),
         text::count(camera_rays),
         text::count(written.iter().map(|w| w.sun_rays).sum())
@@ -141,8 +140,7 @@ fn details(w: &WrittenFile) -> String {
 }
 
 pub(super) fn report(console: &Console, relit: &Relit) {
-    let Relit { surfaces, files: written, read_time, transport_rays, drafts, .. } = relit;
-    let camera_rays: u64 = written.iter().map(|w| w.camera.rays).sum();
+    let Relit { surfaces, files: written, .. } = relit;
     print(console, relit);
     for s in surfaces.iter().filter(|s| s.below_a_texel > MOST_BELOW_A_TEXEL) {
         console.note(format!(
@@ -184,22 +182,5 @@ pub(super) fn report(console: &Console, relit: &Relit) {
             ));
         }
     }
-    console.print_json(&json!({
-        "surfaces": surfaces.iter().map(|s| json!({
-            "isovalue": s.isovalue,
-            "vertices": s.vertices,
-            "triangles": s.triangles,
-            "bricks": s.bricks,
-            "at_vertices": s.at_vertices,
-            "seconds": { "extract": s.extract_time.as_secs_f64(), "select": s.select_time.as_secs_f64() },
-        })).collect::<Vec<_>>(),
-        "files": written.iter().map(WrittenFile::to_json).collect::<Vec<_>>(),
-        "seconds": { "read": read_time.as_secs_f64() },
-        "drafts": drafts.iter().map(|d| json!({
-            "rays_per_texel": d.rays, "texels": d.texture, "written_after_seconds": d.written_after.as_secs_f64(),
-        })).collect::<Vec<_>>(),
-        "transport_rays": transport_rays,
-        "camera_rays": camera_rays,
-        "sun_rays": written.iter().map(|w| w.sun_rays).sum::<u64>(),
-    }));
+    console.print_json(&relit.to_json());
 }

@@ -15,6 +15,7 @@ pub(super) use statistics::solid_of_border;
 
 use super::{Solid, Volume};
 use crate::error::{Error, Result};
+use crate::quantity;
 use statistics::Statistics;
 use std::str::FromStr;
 
@@ -84,6 +85,13 @@ impl Chosen {
     /// A value that was given.
     pub fn given(value: f64, solid: Solid) -> Self {
         Self { value, solid, reason: None, more: Vec::new(), alternatives: Vec::new(), warning: None }
+    }
+
+    /// What the program chose, and what a user should know of it.
+    pub fn notes(&self) -> Vec<String> {
+        let value = quantity::number(self.value, 6);
+        let reason = self.reason.as_ref().map(|reason| format!("isovalue {value}: {reason}"));
+        reason.into_iter().chain(self.warning.clone()).collect()
     }
 }
 
