@@ -4,6 +4,7 @@
 //! Readers work on byte streams and do not know file names. They return [`Error::Format`] with
 //! an empty `file`; whoever opened the file adds its name with [`Error::in_file`].
 
+use serde_json::{Map, Value, json};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -115,6 +116,56 @@ pub enum Error {
         /// What to do.
         remedy: String,
     },
+}
+
+impl Error {
+    /// The kind, the sentence, and the parts that it is made of, for programs.
+    pub fn to_json(&self) -> Value {
+        let (kind, parts) = self.parts();
+        let mut all = Map::new();
+        all.insert("kind".into(), kind.into());
+        all.insert("message".into(), self.to_string().into());
+        if let Value::Object(parts) = parts {
+            all.extend(parts);
+        }
+        Value::Object(all)
+    }
+
+    fn parts(&self) -> (&'static str, Value) {
+        match self {
+            Self::Io { path, doing, source } => {
+                ("io", json!({ "path": path.display().to_string(), "doing": doing, "reason": source.to_string() }))
+            }
+            Self::Format { file, format, found, expected, remedy } => (
+                "format",
+                json!({ "path": file, "format": format, "found": found, "expected": expected, "remedy": remedy }),
+            ),
+            Self::Argument { name, given, expected, remedy } => {
+                ("argument", json!({ "name": name, "given": given, "expected": expected, "remedy": remedy }))
+            }
+            Self::Stopped { done, all } => ("stopped", json!({ "done": done, "all": all })),
+            Self::Limit { what, needed, limit, remedy } => {
+                ("limit", json!({ "what": what, "needed": needed, "limit": limit, "remedy": remedy }))
+            }
+            Self::Mismatch { path, field, stored, asked, remedy } => (
+                "mismatch",
+                json!({
+                    "path": path.display().to_string(), "field": field, "stored": stored, "asked": asked,
+                    "remedy": remedy,
+                }),
+            ),
+            Self::Unbaked { path, isovalue, unbaked, lookups, holds_all, isovalues, remedy } => (
+                "unbaked",
+                json!({
+                    "path": path.display().to_string(), "isovalue": isovalue, "unbaked": unbaked, "lookups": lookups,
+                    "holds_all": holds_all, "isovalues": isovalues, "remedy": remedy,
+                }),
+            ),
+            Self::Locked { path, holder, remedy } => {
+                ("locked", json!({ "path": path.display().to_string(), "holder": holder, "remedy": remedy }))
+            }
+        }
+    }
 }
 
 fn prefix(file: &str) -> String {

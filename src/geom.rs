@@ -238,6 +238,11 @@ impl Up {
         self.gltf_from_world().transpose() * DVec3::Y
     }
 
+    /// The axis of a name: x, y, z, -x, -y, -z.
+    pub fn named(name: &str) -> Option<Self> {
+        [Self::X, Self::Y, Self::Z, Self::NegX, Self::NegY, Self::NegZ].into_iter().find(|up| up.name() == name)
+    }
+
     /// Whether the front is a patient's.
     pub fn is_anatomical(self) -> bool {
         self == Self::Anatomical

@@ -113,6 +113,7 @@
 //! | [`study`] | what accuracy costs: settings against one reference, the front, the figure; where samples of a texture should lie | the clock |
 //! | [`inspect`] | what is in a volume or a store, what is unusual about a file, how far a bake has come | what is done about it |
 //! | [`view`] | the live page and its data, as bytes; the server of the page, with the feature `cli` | solvers, and outside the server sockets |
+//! | `signals` | what a program answers to signals of the system; feature `cli` | everything else |
 //! | `cli` | flags, progress, printing, threads, the clock, paths | the insides: public interface only |
 //! | `python` | the same calls on arrays of NumPy (feature `python`) | how anything is computed |
 //!
@@ -185,6 +186,9 @@ pub mod study;
 pub mod inspect;
 #[doc(hidden)]
 pub mod view;
+#[cfg(feature = "cli")]
+#[doc(hidden)]
+pub mod signals;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;

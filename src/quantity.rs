@@ -1,4 +1,4 @@
-//! Quantities as people read them: counts, bytes, durations, shares, in reports, notes and errors.
+//! Quantities as people read and write them: counts, bytes, durations, shares.
 
 use std::time::Duration;
 
@@ -63,4 +63,69 @@ pub fn duration(time: Duration) -> String {
 /// A share as a percentage; what is above 100 % only says so.
 pub fn percent(share: f64) -> String {
     if share > 1.0005 { "> 100 %".into() } else { format!("{} %", number(100.0 * share, 3)) }
+}
+
+/// Reads an amount of memory, with decimal or binary units.
+///
+/// # Errors
+/// What to write instead.
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
+    let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
+    let (number, unit) = text.split_at(digits);
+    let factor = match unit.trim().to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "k" | "kb" => 1e3,
+        "m" | "mb" => 1e6,
+        "g" | "gb" => 1e9,
+        "t" | "tb" => 1e12,
+        "kib" => 1024.0,
+        "mib" => 1048576.0,
+        "gib" => 1073741824.0,
+        _ => return Err("give a size such as 800MB, 2GB or 4GiB".into()),
+    };
+    match number.parse::<f64>() {
+        Ok(n) if n > 0.0 => Ok((n * factor) as u64),
+        _ => Err("give a size such as 800MB, 2GB or 4GiB".into()),
+    }
+}
+
+/// Reads a time such as 90s, 2m, 1h30m or a number of seconds.
+///
+/// # Errors
+/// What to write instead.
+pub fn parse_time(text: &str) -> Result<Duration, String> {
+    let refuse = || "give a time such as 90s, 2m or 1h30m".to_string();
+    let mut seconds = 0.0;
+    let mut rest = text.trim();
+    while !rest.is_empty() {
+        let digits = rest.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(rest.len());
+        let number: f64 = rest[..digits].parse().map_err(|_| refuse())?;
+        let unit: String = rest[digits..].chars().take_while(|c| c.is_ascii_alphabetic()).collect();
+        seconds += number
+            * match unit.as_str() {
+                "" | "s" => 1.0,
+                "m" | "min" => 60.0,
+                "h" => 3600.0,
+                _ => return Err(refuse()),
+            };
+        rest = &rest[digits + unit.len()..];
+    }
+    if seconds > 0.0 && seconds < 1e8 { Ok(Duration::from_secs_f64(seconds)) } else { Err(refuse()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_as_people_write_them() {
+        let seconds = |t: &str| parse_time(t).map(|d| d.as_secs_f64());
+        assert_eq!(seconds("90s"), Ok(90.0));
+        assert_eq!(seconds("2m"), Ok(120.0));
+        assert_eq!(seconds("1h30m"), Ok(5400.0));
+        assert_eq!(seconds("1.5"), Ok(1.5));
+        for bad in ["", "0", "-3", "3 days", "1e400", "m", "5x", "ä"] {
+            assert!(parse_time(bad).is_err(), "{bad}");
+        }
+    }
 }

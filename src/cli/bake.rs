@@ -5,19 +5,19 @@ use super::baking::fill;
 use super::console::Console;
 use super::input::{VolumeArgs, file_name};
 use super::isovalue::tell;
-use super::options::{BakeArgs, EstimatorArg, parse_share, parse_time};
+use super::options::{BakeArgs, parse_share, parse_time};
 use super::{Failure, Outcome, forecast, pack, replay, text};
-use crate::bake::{ForLight, Hints, Quality, Share, Writing};
+use crate::bake::{Estimator, ForLight, Hints, Quality, Share, Writing};
 use crate::cache::for_light;
 use crate::error::Error;
 use crate::file::size_on_disk;
-use crate::probe::Orientation;
+use crate::probe::{EnvFrame, Orientation};
 use crate::relight::Material;
 use crate::scene::{Scene, SceneFile, TextureSize, environment, open_probe};
 use crate::study::forecast::{self as forecasts, best_within};
 use crate::study::model::ENOUGH;
 use crate::transfer::Layers;
-use crate::transfer::store::{PackError, Replacement, kind};
+use crate::transfer::store::{PackError, Replacement, StoreOptions, kind};
 use crate::volume::Volume;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -62,7 +62,7 @@ pub(super) struct Bake {
     env_rotate: f64,
     /// Where the centre of that environment lies in glTF: at +X (Blender, three.js), or at +Z (OpenEXR)
     #[arg(long, value_enum, value_name = "FRAME", default_value = "gltf")]
-    env_frame: super::light::FrameName,
+    env_frame: EnvFrame,
     /// Albedo under that environment
     #[arg(long, value_name = "RHO", default_value_t = 0.7, requires = "for_env")]
     albedo: f32,
@@ -146,10 +146,10 @@ impl Bake {
             replacement.commit()?;
         }
         if let (Compress(Some(error)), Some(path)) = (self.compress, &self.output)
-            && let Some((packed, sizes)) = pack::in_place(path, error, !self.no_sync)?
+            && let Some((packed, sizes)) = StoreOptions::default().sync(!self.no_sync).pack_in_place(path, error)?
         {
             console.summary(text::file_line(path, &pack::summary(&packed, sizes)));
-            let about = pack::to_json(&packed, path, sizes);
+            let about = packed.to_json(&file_name(&path.display().to_string()), sizes);
             reports.iter_mut().for_each(|report| report["packed"] = about.clone());
         }
         if let (1, Some(json)) = (members, reports.first()) {
@@ -162,7 +162,7 @@ impl Bake {
 
     /// Whether it is surfaces that are baked.
     fn bakes_surfaces(&self) -> bool {
-        let is_path = self.bake.estimator == EstimatorArg::Path;
+        let is_path = self.bake.estimator == Estimator::Path;
         !self.bake.isovalues.is_empty() && self.bake.transfer.texture.is_none() && is_path
     }
 
@@ -177,7 +177,7 @@ impl Bake {
         match &self.fixed_env {
             Some(name) => {
                 let probe = open_probe(name, false, None)?;
-                scene.fix_environment(&probe, self.env_rotate, self.env_frame.into())?;
+                scene.fix_environment(&probe, self.env_rotate, self.env_frame)?;
             }
             None if self.env_rotate != 0.0 && self.for_env.is_none() => {
                 let expected = "an environment to turn";
@@ -212,7 +212,7 @@ impl Bake {
     ) -> Outcome<Option<Value>> {
         let opened = &mut scene.members_mut()[member];
         let scene = self.scene.as_ref();
-        let is_empty = self.is_empty(&opened.volume)?;
+        let is_empty = !opened.volume.check_surface(self.allow_empty)?;
         // Before anything else: they decide the side that is matter.
         let chosen = if is_empty { None } else { opened.settle_in(&self.bake.isovalues, scene)? };
         let volume = &*opened.volume;
@@ -258,7 +258,7 @@ impl Bake {
         let (mut scene, quality) = (self.open()?, self.quality(seed));
         let mut most = 0;
         for opened in scene.members_mut() {
-            let is_empty = self.is_empty(&opened.volume)?;
+            let is_empty = !opened.volume.check_surface(self.allow_empty)?;
             let chosen = if is_empty { None } else { opened.settle_in(&self.bake.isovalues, self.scene.as_ref())? };
             let isovalues = chosen.map(|list| list.iter().map(|c| c.value).collect());
             let job = quality.request(opened, isovalues, Vec::new())?;
@@ -266,21 +266,6 @@ impl Bake {
             most = most.max(job.bytes_needed());
         }
         Ok(most)
-    }
-
-    /// Whether the volume has no surface at all, which `--allow-empty` accepts.
-    fn is_empty(&self, volume: &Volume) -> Outcome<bool> {
-        let (low, high) = volume.value_range();
-        if low < high || self.allow_empty {
-            return Ok(low >= high);
-        }
-        Err(Error::argument(
-            "volume",
-            format!("{}, all of whose samples are {low}", volume.name),
-            "samples that differ",
-            "a constant volume has no surface; --allow-empty makes an empty store of it",
-        )
-        .into())
     }
 
     /// The texture and the rays that a time allows, the same for all volumes of a scene; `None` where there is no
@@ -293,11 +278,11 @@ impl Bake {
         seed: u64,
         console: &Console,
     ) -> Outcome<Option<(TextureSize, u32)>> {
-        forecasts::check("--auto", self.bake.estimator.into())?;
-        let (file, effects) = (self.scene.as_ref(), self.bake.transfer.effects());
+        forecasts::check("--auto", self.bake.estimator)?;
+        let file = self.scene.as_ref();
         let mut isovalues = Vec::new();
         for member in scene.members_mut() {
-            if self.is_empty(&member.volume)? {
+            if !member.volume.check_surface(self.allow_empty)? {
                 return Ok(None);
             }
             let chosen = member.settle_in(&self.bake.isovalues, file)?;
@@ -306,18 +291,15 @@ impl Bake {
         let Some(first) = scene.members().first() else { return Ok(None) };
         let (probe, turned) = environment(self.for_env.as_deref(), file)?;
         let turned = if self.for_env.is_some() { self.env_rotate } else { turned };
-        let orientation = Orientation::new(first.volume.up, turned)?.in_frame(self.env_frame.into());
-        let layout = self.quality(seed).layout(&first.volume, first.geometry.as_ref())?;
+        let orientation = Orientation::new(first.volume.up, turned)?.in_frame(self.env_frame);
         let (isovalue, all) = forecasts::weigh(
             &forecasts::Asked {
                 members: scene.members(),
                 isovalues: &isovalues,
-                layers: &layout.layers,
+                quality: &self.quality(seed),
                 probe: &probe,
                 orientation,
                 albedo: self.albedo,
-                caustics: effects.switched("caustics") != Some(false),
-                seed,
             },
             &forecast::clock(),
         )?;
@@ -363,7 +345,7 @@ impl Bake {
         Material::new([self.albedo; 3], [0.0; 3])?;
         let probe = open_probe(name, false, None)?;
         let bands = layers.max_bands();
-        Ok(Some(for_light(&probe, (volume.up, self.env_rotate, self.env_frame.into()), bands, self.albedo)?))
+        Ok(Some(for_light(&probe, (volume.up, self.env_rotate, self.env_frame), bands, self.albedo)?))
     }
 }
 

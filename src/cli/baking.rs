@@ -2,13 +2,14 @@
 
 use super::bake_report;
 use super::console::{Console, interrupts};
-use super::{plan_table, signals};
+use super::plan_table;
 use crate::bake::{self, Observer, Report, Request, Task};
 use crate::cache::Filled;
 use crate::error::Result;
 use crate::file::size_on_disk;
 use crate::memory;
 use crate::scene::Plan;
+use crate::signals;
 use crate::transfer::store::Store;
 use crate::transport::Progress;
 use std::path::Path;

@@ -120,6 +120,13 @@ pub(crate) fn locate(given: Option<&Path>) -> Outcome<Cache> {
     })
 }
 
+/// The same, made ready for stores.
+pub(super) fn ready(given: Option<&Path>) -> Outcome<Cache> {
+    let cache = locate(given)?;
+    prepare(&cache)?;
+    Ok(cache)
+}
+
 /// Makes the folder of the stores, and tries to write there.
 pub(crate) fn prepare(cache: &Cache) -> Outcome {
     cache.prepare().map_err(|e| {

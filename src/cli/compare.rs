@@ -9,7 +9,7 @@ use super::light::{parse_factor, parse_triple};
 use super::{Outcome, text};
 use crate::compare::{Asked, Compared, Figure, Subject, subjects};
 use crate::export::inputs::Inputs;
-use crate::probe::SunSplit;
+use crate::probe::{EnvFrame, SunSplit};
 use crate::scene::{Effects, Fog, Scene, SceneFile, VolumeOptions, open_probe};
 use crate::session::{LuminaireFactor, check_factors};
 use crate::transfer::store::{Store, check_store};
@@ -37,16 +37,8 @@ pub(super) struct Compare {
     /// Isovalues that the store holds: numbers in the file's values, percentages of their range, or auto. Of several
     /// volumes baked together isovalues are those of the first, NAME=C is that of another, and all surfaces that belong
     /// to it are compared
-    #[arg(
-        short,
-        long,
-        visible_alias = "isovalues",
-        value_name = "[NAME=]C[,…]",
-        value_delimiter = ',',
-        required = true,
-        allow_hyphen_values = true,
-        value_parser = parse_named
-    )]
+    #[arg(short, long, visible_alias = "isovalues", value_name = "[NAME=]C[,…]", value_delimiter = ',')]
+    #[arg(required = true, allow_hyphen_values = true, value_parser = parse_named)]
     isovalue: Vec<NamedIsovalue>,
     /// Environment: an image file or a name, as relight takes it
     #[arg(short, long, value_name = "PROBE", required = true)]
@@ -56,7 +48,7 @@ pub(super) struct Compare {
     env_rotate: f64,
     /// Where the centre of environment images lies in glTF: at +X (Blender, three.js), or at +Z (OpenEXR)
     #[arg(long, value_enum, value_name = "FRAME", default_value = "gltf")]
-    env_frame: super::light::FrameName,
+    env_frame: EnvFrame,
     /// Lamps lit apart from the environment, as relight lights them: as many as would ring otherwise, none, or so many; none
     /// in scenes
     #[arg(long, value_name = "auto|off|N", default_value = "auto", value_parser = super::light::parse_split)]
@@ -126,7 +118,7 @@ impl Compare {
         let mut scene = file.map(|f| f.open(&VolumeOptions::default(), &Effects::default())).transpose()?;
         if let Some(name) = &self.fixed_env {
             let mut alone = Scene::of(store.volume()?).with_added(self.fog, None, &Effects::default())?;
-            alone.fix_environment(&open_probe(name, false, None)?, self.env_rotate, self.env_frame.into())?;
+            alone.fix_environment(&open_probe(name, false, None)?, self.env_rotate, self.env_frame)?;
             scene = Some(alone);
         } else if self.fog.is_some() {
             scene = Some(Scene::of(store.volume()?).with_added(self.fog, None, &Effects::default())?);
@@ -147,7 +139,7 @@ impl Compare {
         let asked = Asked {
             probes: &probes,
             rotation_degrees: self.env_rotate,
-            frame: self.env_frame.into(),
+            frame: self.env_frame,
             sun_split: self.sun_split,
             albedo: self.albedo.0,
             emission: self.emission.0,

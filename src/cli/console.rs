@@ -1,7 +1,8 @@
 //! What the program prints, and where.
 
-pub(super) use super::signals::requests as interrupts;
-use super::{Failure, Outcome, signals, text};
+use super::{Failure, Outcome, text};
+use crate::signals;
+pub(super) use crate::signals::requests as interrupts;
 use crate::transport::Progress;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, ErrorKind, IsTerminal, Write};

@@ -24,14 +24,8 @@ pub(super) struct Doctor {
     #[arg(value_name = "FILE")]
     input: String,
     /// Look at this isosurface of a volume: a number in the file's values, a percentage of their range, or auto
-    #[arg(
-        short,
-        long,
-        visible_alias = "isovalues",
-        value_name = "C",
-        default_value = "auto",
-        allow_hyphen_values = true
-    )]
+    #[arg(short, long, visible_alias = "isovalues", value_name = "C")]
+    #[arg(default_value = "auto", allow_hyphen_values = true)]
     isovalue: Isovalue,
     /// Layout of an environment image [default: from the file and its shape]
     #[arg(long, value_name = "LAYOUT", value_parser = super::light::parse_layout)]
@@ -134,20 +128,10 @@ fn share(share: f64) -> String {
 
 /// Lines of at most [`text::WIDTH`] columns, each behind a line feed and an indent.
 fn wrapped(line: &str, indent: &str) -> String {
-    let mut out = String::new();
-    let mut column = 0;
-    for word in line.split_whitespace() {
-        let length = word.chars().count();
-        if column == 0 || column + 1 + length > text::WIDTH {
-            out.push('\n');
-            out.push_str(indent);
-            column = indent.len();
-        } else {
-            out.push(' ');
-            column += 1;
-        }
-        out.push_str(word);
-        column += length;
-    }
-    out
+    let words = line.split_whitespace().collect::<Vec<_>>().join(" ");
+    format!(
+        "
+{indent}{}",
+        text::wrapped(&words, indent.len(), indent.len())
+    )
 }

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::export::inputs::Inputs;
 use crate::export::target::check_file;
 use crate::export::{atomic, hdr};
-use crate::probe::{LatLong, Layout, Probe, Report, report};
+use crate::probe::{LatLong, Layout, Lobe, Probe, Report, report};
 use crate::scene::open_probe;
 use clap::Subcommand;
 use serde_json::json;
@@ -130,53 +130,32 @@ fn show(probe: &Probe, bands: usize, console: &Console) -> Outcome {
     let json = serde_json::to_value(&r).unwrap_or_default();
     console.print_json(&json);
     let triple = |v: [f64; 3]| v.map(|x| text::number(x, 5)).join(", ");
-    let mut rows = vec![
-        vec!["name".into(), r.name.clone()],
-        vec![
-            "image".into(),
-            format!(
-                "{} {}, {} × {}; light {} × {}",
-                r.format, r.layout, r.stored_size[0], r.stored_size[1], r.width, r.height
-            ),
-        ],
-        vec![
-            "range".into(),
-            format!(
-                "{} to {} (r, g, b), {:.1} stops",
-                triple(r.minimum.map(f64::from)),
-                triple(r.maximum.map(f64::from)),
-                r.range_ev
-            ),
-        ],
-        vec![
-            "mean".into(),
-            format!("{} over the sphere, luminance {}", triple(r.mean), text::number(r.mean_luminance, 5)),
-        ],
-    ];
-    for (name, lobe) in [("brightest", r.brightest_pixel), ("most light", r.lobe)] {
-        let text = lobe.map_or("from nowhere in particular".into(), |l| {
-            format!(
-                "from azimuth {:.1}°, elevation {:.1}°, luminance {}",
-                l.azimuth_degrees,
-                l.elevation_degrees,
-                text::number(l.luminance, 5)
-            )
-        });
-        rows.push(vec![name.into(), text]);
-    }
-    rows.push(vec!["energy".into(), energy(&r)]);
+    let [least, most] = [r.minimum, r.maximum].map(|v| triple(v.map(f64::from)));
+    let [stored_width, stored_height] = r.stored_size;
+    let from = |lobe: &Option<Lobe>| {
+        lobe.as_ref().map_or("from nowhere in particular".into(), |l| {
+            let (azimuth, elevation, luminance) =
+                (l.azimuth_degrees, l.elevation_degrees, text::number(l.luminance, 5));
+            format!("from azimuth {azimuth:.1}°, elevation {elevation:.1}°, luminance {luminance}")
+        })
+    };
+    let image =
+        format!("{} {}, {stored_width} × {stored_height}; light {} × {}", r.format, r.layout, r.width, r.height);
+    let [nan, infinite, negative] = [r.bad_pixels.nan, r.bad_pixels.infinite, r.bad_pixels.negative].map(text::count);
+    let row = |name: &str, value: String| vec![name.to_string(), value];
+    let mean = format!("{} over the sphere, luminance {}", triple(r.mean), text::number(r.mean_luminance, 5));
     let frame = "the image's centre (azimuth 0°) is glTF +X, +Z is three quarters from the left (azimuth -90°)";
-    rows.push(vec!["frame".into(), frame.into()]);
-    let bad = &r.bad_pixels;
-    rows.push(vec![
-        "bad pixels".into(),
-        format!(
-            "{} NaN, {} infinite, {} negative",
-            text::count(bad.nan),
-            text::count(bad.infinite),
-            text::count(bad.negative)
-        ),
-    ]);
+    let mut rows = vec![
+        row("name", r.name.clone()),
+        row("image", image),
+        row("range", format!("{least} to {most} (r, g, b), {:.1} stops", r.range_ev)),
+        row("mean", mean),
+        row("brightest", from(&r.brightest_pixel)),
+        row("most light", from(&r.lobe)),
+        row("energy", energy(&r)),
+        row("frame", frame.into()),
+        row("bad pixels", format!("{nan} NaN, {infinite} infinite, {negative} negative")),
+    ];
     for note in &r.notes {
         rows.push(vec!["note".into(), note.text.clone()]);
     }

@@ -4,18 +4,17 @@ use super::console::Console;
 use super::light::{LightArgs, MaterialArgs, by_option};
 use super::{Outcome, text};
 use crate::error::Error;
-use crate::export::atomic;
-use crate::export::field::{RadianceField, write_nrrd, write_raw, write_raw_header, write_vti};
+use crate::export::field::FieldFormat;
 use crate::export::inputs::Inputs;
 use crate::export::target::check_file;
-use crate::probe::{EnvFrame, SunSplit};
+use crate::probe::SunSplit;
 use crate::relight::Material;
 use crate::scene::{MaterialRule, open_probe};
 use crate::session::{Lighting, RelitField};
 use crate::transfer::store::Completeness;
 use crate::transfer::store::{Store, check_store};
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Write the relit 3D texture for other programs: the colour of every isosurface, as a volume
 ///
@@ -42,13 +41,6 @@ pub(super) struct Export {
     light: LightArgs,
     #[command(flatten, next_help_heading = "Material")]
     material: MaterialArgs,
-}
-
-#[derive(Clone, Copy, PartialEq)]
-enum Format {
-    Vti,
-    Nrrd,
-    Raw,
 }
 
 impl Export {
@@ -91,23 +83,12 @@ impl Export {
         let provenance = json!({
             "program": concat!("isolume ", env!("CARGO_PKG_VERSION")),
             "volume": volume.name, "store": store.identity().hash(), "environment": probe.name,
-            "env_rotate_degrees": self.light.env_rotate, "env_frame": EnvFrame::from(self.light.env_frame).name(), "window": lighting.options().window.name(),
+            "env_rotate_degrees": self.light.env_rotate, "env_frame": self.light.env_frame.name(), "window": lighting.options().window.name(),
             "albedo": material.albedo, "emission": material.emission, "exposure_ev": f64::from(exposure).log2(),
             "noise_over_mean": field.noise,
         });
-        let RelitField { dims, origin, steps, radiance, valid, values, .. } = &field;
-        let [mx, my, mz] = *dims;
-        let field = RadianceField {
-            dims: *dims,
-            origin: *origin,
-            steps: *steps,
-            radiance,
-            valid,
-            values,
-            exposure,
-            provenance: &provenance,
-        };
-        write(&self.output, format, &field)?;
+        field.write(&self.output, format, exposure, &provenance)?;
+        let [mx, my, mz] = field.dims;
         let bytes = std::fs::metadata(&self.output).map_or(0, |m| m.len());
         let what = format!("{mx} × {my} × {mz} texels, {}", text::bytes(bytes as f64));
         console.summary(text::file_line(&self.output, &what));
@@ -125,42 +106,19 @@ impl Export {
     }
 
     /// Refuses what cannot be done before any work.
-    fn check(&self) -> Outcome<Format> {
+    fn check(&self) -> Outcome<FieldFormat> {
         check_store(&self.input)?;
         if self.light.sun_split.is_some_and(|split| split != SunSplit::Off) {
             let remedy = "leave it out: a sun's sharp shadows are not in the texture";
             return Err(Error::argument("--sun-split", "with export", "light that the texture holds", remedy).into());
         }
-        let suffix = self.output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-        let format = match suffix.as_deref() {
-            Some("vti") => Format::Vti,
-            Some("nrrd") => Format::Nrrd,
-            Some("raw") => Format::Raw,
-            _ => {
-                let expected = "a name ending in .vti, .nrrd or .raw";
-                let remedy = "the ending decides the format";
-                return Err(Error::argument("output", self.output.display(), expected, remedy).into());
-            }
-        };
+        let format = FieldFormat::of(&self.output)?;
         check_file(&self.output)?;
         let inputs = Inputs::new([&self.input, &self.env]);
         inputs.refuse(&self.output)?;
-        if format == Format::Raw {
+        if format == FieldFormat::Raw {
             inputs.refuse(&self.output.with_extension("nhdr"))?;
         }
         Ok(format)
     }
-}
-
-fn write(path: &Path, format: Format, field: &RadianceField<'_>) -> Outcome {
-    match format {
-        Format::Vti => atomic::write(path, |w| write_vti(w, field))?,
-        Format::Nrrd => atomic::write(path, |w| write_nrrd(w, field))?,
-        Format::Raw => {
-            atomic::write(path, |w| write_raw(w, field))?;
-            let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-            atomic::write(path.with_extension("nhdr"), |w| write_raw_header(w, field, &name))?;
-        }
-    }
-    Ok(())
 }

@@ -4,33 +4,14 @@ use crate::error::Result;
 use crate::geom::Up;
 use crate::scene::{Front, Member, VolumeOptions};
 use crate::volume::{Channel, Choice, Level, Region, Solid, Spacing};
-use clap::ValueEnum;
 use std::path::Path;
-
-/// Which side of the surface is matter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum SolidSide {
-    /// Values above the isovalue
-    Above,
-    /// Values below the isovalue
-    Below,
-}
-
-impl From<SolidSide> for Solid {
-    fn from(side: SolidSide) -> Self {
-        match side {
-            SolidSide::Above => Self::Above,
-            SolidSide::Below => Self::Below,
-        }
-    }
-}
 
 /// How a volume is to be understood.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(super) struct VolumeArgs {
     /// Which side of the isovalue is solid [default: above]
     #[arg(long, value_enum, value_name = "SIDE")]
-    pub(super) solid: Option<SolidSide>,
+    pub(super) solid: Option<Solid>,
     /// The world axis that points up: x, y, z, -x, -y, -z [default: z]
     #[arg(long, value_parser = parse_up, allow_hyphen_values = true, value_name = "AXIS")]
     pub(super) up: Option<Up>,
@@ -69,25 +50,12 @@ pub(super) struct VolumeArgs {
     /// Front of views and of glTF: -y of the file where z is up, or anterior [default: anatomical for NIfTI with a
     /// transform code and for NRRD with a patient's space, else grid]
     #[arg(long, value_enum, value_name = "FRAME")]
-    pub(super) frame_of: Option<FrameOf>,
-}
-
-/// What decides the front.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum FrameOf {
-    /// The axes of the file's frame: the front is -y where z is up
-    Grid,
-    /// A patient's frame (RAS+, z up): the front is anterior
-    Anatomical,
+    pub(super) frame_of: Option<Front>,
 }
 
 impl VolumeArgs {
     /// The same for the library; all shadows count.
     pub(super) fn options(&self) -> VolumeOptions {
-        let front = self.frame_of.map(|frame| match frame {
-            FrameOf::Grid => Front::Grid,
-            FrameOf::Anatomical => Front::Anatomical,
-        });
         let choice = Choice {
             channel: self.channel.clone(),
             timepoint: self.timepoint,
@@ -100,21 +68,19 @@ impl VolumeArgs {
             allow_outside: self.allow_outside,
             any_channel: false,
         };
-        let solid = self.solid.map(Solid::from);
-        VolumeOptions { solid, up: self.up, front, choice, keep_largest: self.keep_largest, ..VolumeOptions::default() }
+        VolumeOptions {
+            solid: self.solid,
+            up: self.up,
+            front: self.frame_of,
+            choice,
+            keep_largest: self.keep_largest,
+            ..VolumeOptions::default()
+        }
     }
 }
 
-pub(crate) fn parse_up(axis: &str) -> std::result::Result<Up, String> {
-    Ok(match axis {
-        "x" => Up::X,
-        "y" => Up::Y,
-        "z" => Up::Z,
-        "-x" => Up::NegX,
-        "-y" => Up::NegY,
-        "-z" => Up::NegZ,
-        _ => return Err("give one of x, y, z, -x, -y, -z".into()),
-    })
+fn parse_up(axis: &str) -> std::result::Result<Up, String> {
+    Up::named(axis).ok_or_else(|| "give one of x, y, z, -x, -y, -z".into())
 }
 
 /// Opens a volume for a list of what a file holds: of several channels the first, where none is chosen.

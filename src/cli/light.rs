@@ -5,7 +5,6 @@ use crate::probe::{EnvFrame, Layout, SunSplit};
 use crate::relight::Exposure;
 use crate::session::{LightOptions, LuminaireFactor, MaterialChoice};
 use crate::sh::Window;
-use clap::ValueEnum;
 
 /// How environment images are read and how the light is prepared.
 #[derive(clap::Args, Clone, Debug)]
@@ -15,10 +14,10 @@ pub(super) struct LightArgs {
     pub(super) env_rotate: f64,
     /// Where the centre of environment images lies in glTF: at +X as in Blender and three.js, or at +Z as in OpenEXR
     #[arg(long, value_enum, value_name = "FRAME", default_value = "gltf")]
-    pub(super) env_frame: FrameName,
+    pub(super) env_frame: EnvFrame,
     /// Soften the band-limited light, against ringing
     #[arg(long, value_enum, default_value = "none")]
-    pub(super) window: WindowName,
+    pub(super) window: Window,
     /// Lamps lit apart from the environment, by visibility rays, with sharp shadows: as many as would ring otherwise,
     /// none (light and transfer are multiplied), or so many [default: auto; off in scenes, with --window and with
     /// --transfer]
@@ -38,46 +37,6 @@ pub(super) struct LightArgs {
     pub(super) layout: Option<Layout>,
 }
 
-/// A window by name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum WindowName {
-    None,
-    Lanczos,
-    Hanning,
-    /// Proven nowhere negative; costs contrast
-    Certified,
-}
-
-impl From<WindowName> for Window {
-    fn from(name: WindowName) -> Self {
-        match name {
-            WindowName::None => Self::None,
-            WindowName::Lanczos => Self::Lanczos,
-            WindowName::Hanning => Self::Hanning,
-            WindowName::Certified => Self::Certified,
-        }
-    }
-}
-
-/// A frame of environment images by name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub(super) enum FrameName {
-    /// The image's centre is +X, +Z three quarters from the left
-    #[default]
-    Gltf,
-    /// The image's centre is +Z, +X a quarter from the left
-    Openexr,
-}
-
-impl From<FrameName> for EnvFrame {
-    fn from(name: FrameName) -> Self {
-        match name {
-            FrameName::Gltf => Self::Gltf,
-            FrameName::Openexr => Self::OpenExr,
-        }
-    }
-}
-
 pub(super) fn parse_split(text: &str) -> Result<SunSplit, String> {
     text.parse().map_err(|e: Error| e.to_string())
 }
@@ -91,9 +50,9 @@ impl LightArgs {
     pub(super) fn options(&self, split: SunSplit) -> LightOptions {
         LightOptions {
             rotation_degrees: self.env_rotate,
-            frame: self.env_frame.into(),
+            frame: self.env_frame,
             bands: self.bands.map(usize::from),
-            window: self.window.into(),
+            window: self.window,
             split_sun: split,
         }
     }

@@ -9,6 +9,7 @@ mod bake;
 mod bake_report;
 mod baking;
 mod cache;
+mod choices;
 mod cluster;
 mod compare;
 mod completions;
@@ -17,7 +18,6 @@ mod demo;
 mod doctor;
 mod env;
 mod export;
-mod fault;
 mod failure;
 mod forecast;
 mod info;
@@ -36,7 +36,6 @@ mod replay;
 mod scene;
 #[cfg(feature = "python")]
 pub(crate) mod shared;
-mod signals;
 mod study;
 mod text;
 mod verify;
@@ -46,8 +45,10 @@ mod view;
 mod tests;
 
 use crate::error::Error;
+use crate::signals;
 use clap::{Parser, Subcommand};
 use console::Console;
+pub(crate) use failure::{Failure, Outcome};
 use serde_json::json;
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -104,34 +105,9 @@ enum Command {
     Man(man::Man),
 }
 
-/// Why a command did not do what was asked.
-pub(crate) enum Failure {
-    /// The library's reason.
-    Library(Error),
-    /// One of the command line's own.
-    Message(String),
-}
-
-impl From<Error> for Failure {
-    fn from(error: Error) -> Self {
-        Self::Library(error)
-    }
-}
-
-impl std::fmt::Display for Failure {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Library(error) => error.fmt(f),
-            Self::Message(text) => f.write_str(text),
-        }
-    }
-}
-
-pub(crate) type Outcome<T = ()> = Result<T, Failure>;
-
 /// Runs the program with the arguments of the process.
 pub fn main() -> ExitCode {
-    fault::explain_bus_errors();
+    signals::explain_bus_errors();
     ExitCode::from(exit_code(std::env::args_os().collect()))
 }
 

@@ -4,11 +4,11 @@ use super::input::VolumeArgs;
 use super::isovalue::Isovalue;
 use crate::bake::{Estimator, Quality, Share};
 use crate::error::{Error, Result};
+pub(super) use crate::quantity::{parse_bytes, parse_time};
 use crate::scene::{EffectSwitch, Effects, Fog, Scene, SceneFile, TextureSize, Translucent, VolumeOptions};
 use crate::sh::MAX_BANDS;
 use crate::transfer::MAX_LAYERS;
 use crate::transport::REPLICATES;
-use std::time::Duration;
 
 /// Quality of a transfer texture.
 #[derive(clap::Args, Clone, Debug)]
@@ -98,7 +98,7 @@ pub(super) struct BakeArgs {
     pub(super) isovalues: Vec<Isovalue>,
     /// Estimator of the transfer
     #[arg(long, value_enum, default_value = "path")]
-    pub(super) estimator: EstimatorArg,
+    pub(super) estimator: Estimator,
 }
 
 pub(super) fn parse_rays(text: &str) -> std::result::Result<u32, String> {
@@ -134,27 +134,6 @@ pub(super) fn parse_texture(text: &str) -> std::result::Result<TextureSize, Stri
     match texels.as_deref() {
         Some(&[x, y, z]) => Ok(TextureSize::Texels([x, y, z])),
         _ => Err("give a ratio such as 0.5, or a resolution such as 128x128x96".into()),
-    }
-}
-
-/// Reads an amount of memory, with decimal or binary units.
-pub(super) fn parse_bytes(text: &str) -> std::result::Result<u64, String> {
-    let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
-    let (number, unit) = text.split_at(digits);
-    let factor = match unit.trim().to_ascii_lowercase().as_str() {
-        "" | "b" => 1.0,
-        "k" | "kb" => 1e3,
-        "m" | "mb" => 1e6,
-        "g" | "gb" => 1e9,
-        "t" | "tb" => 1e12,
-        "kib" => 1024.0,
-        "mib" => 1048576.0,
-        "gib" => 1073741824.0,
-        _ => return Err("give a size such as 800MB, 2GB or 4GiB".into()),
-    };
-    match number.parse::<f64>() {
-        Ok(n) if n > 0.0 => Ok((n * factor) as u64),
-        _ => Err("give a size such as 800MB, 2GB or 4GiB".into()),
     }
 }
 
@@ -196,29 +175,7 @@ impl TransferArgs {
 impl BakeArgs {
     /// What is asked of the library.
     pub(super) fn quality(&self, seed: u64) -> Quality {
-        Quality { estimator: self.estimator.into(), ..self.transfer.quality(&self.bands, seed) }
-    }
-}
-
-/// What estimates the transfer, as an option.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub(super) enum EstimatorArg {
-    /// Path tracing within each level set: unbiased
-    #[default]
-    Path,
-    /// The texture as radiance cache: less noise in less time where light bounces often, with a bias that is printed
-    Gather,
-    /// Flattened photon mapping, for study: light spread over the nearest photons, with a bias that no error bar holds
-    Photon,
-}
-
-impl From<EstimatorArg> for Estimator {
-    fn from(argument: EstimatorArg) -> Self {
-        match argument {
-            EstimatorArg::Path => Self::Path,
-            EstimatorArg::Gather => Self::Gather,
-            EstimatorArg::Photon => Self::Photon,
-        }
+        Quality { estimator: self.estimator, ..self.transfer.quality(&self.bands, seed) }
     }
 }
 
@@ -228,43 +185,5 @@ pub(super) fn parse_share(text: &str) -> std::result::Result<Share, String> {
     match numbers {
         Some((index, of)) if 1 <= index && index <= of && of <= 4096 => Ok(Share { index, of }),
         _ => Err("give i/n with i from 1 to n, such as 1/3, and n at most 4096".into()),
-    }
-}
-
-/// Reads a time such as 90s, 2m, 1h30m or a number of seconds.
-pub(super) fn parse_time(text: &str) -> std::result::Result<Duration, String> {
-    let refuse = || "give a time such as 90s, 2m or 1h30m".to_string();
-    let mut seconds = 0.0;
-    let mut rest = text.trim();
-    while !rest.is_empty() {
-        let digits = rest.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(rest.len());
-        let number: f64 = rest[..digits].parse().map_err(|_| refuse())?;
-        let unit: String = rest[digits..].chars().take_while(|c| c.is_ascii_alphabetic()).collect();
-        seconds += number
-            * match unit.as_str() {
-                "" | "s" => 1.0,
-                "m" | "min" => 60.0,
-                "h" => 3600.0,
-                _ => return Err(refuse()),
-            };
-        rest = &rest[digits + unit.len()..];
-    }
-    if seconds > 0.0 && seconds < 1e8 { Ok(Duration::from_secs_f64(seconds)) } else { Err(refuse()) }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn times_as_people_write_them() {
-        let seconds = |t: &str| parse_time(t).map(|d| d.as_secs_f64());
-        assert_eq!(seconds("90s"), Ok(90.0));
-        assert_eq!(seconds("2m"), Ok(120.0));
-        assert_eq!(seconds("1h30m"), Ok(5400.0));
-        assert_eq!(seconds("1.5"), Ok(1.5));
-        for bad in ["", "0", "-3", "3 days", "1e400", "m", "5x", "ä"] {
-            assert!(parse_time(bad).is_err(), "{bad}");
-        }
     }
 }

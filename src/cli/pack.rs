@@ -5,9 +5,8 @@ use super::input::file_name;
 use super::{Outcome, text};
 use crate::error::Result;
 use crate::file::size_on_disk;
-use crate::transfer::store::{PackError, PackReport, Replacement, Store, StoreOptions};
-use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use crate::transfer::store::{PackError, PackReport, PackedGroup, Store, StoreOptions};
+use std::path::PathBuf;
 
 /// Pack a store into a fraction of its space, with an error that is stated
 ///
@@ -42,23 +41,9 @@ impl Pack {
         let sizes = [&self.input, &self.output].map(|path| size_on_disk(path));
         console.summary(text::file_line(&self.output, &summary(&report, sizes)));
         console.detail(table(&report));
-        console.print_json(&to_json(&report, &self.output, sizes));
+        console.print_json(&report.to_json(&file_name(&self.output.display().to_string()), sizes));
         Ok(())
     }
-}
-
-/// Packs the store at `path` in its place; what was done, with the sizes before and after. `None` where it is packed already.
-pub(super) fn in_place(path: &Path, error: PackError, sync: bool) -> Result<Option<(PackReport, [u64; 2])>> {
-    let source = Store::open(path)?;
-    if source.packing().is_some() {
-        return Ok(None);
-    }
-    let before = size_on_disk(path);
-    let replacement = Replacement::begin(path)?;
-    let (packed, report) = StoreOptions::default().sync(sync).pack(&source, replacement.path(), error)?;
-    drop((source, packed));
-    replacement.commit()?;
-    Ok(Some((report, [before, size_on_disk(path)])))
 }
 
 /// Reads auto, or a share such as 0.5%.
@@ -73,20 +58,11 @@ pub(super) fn parse_pack_error(word: &str) -> std::result::Result<PackError, Str
     }
 }
 
-/// Bytes a texel of coefficients and of all else, before and after.
-fn bytes_a_texel(report: &PackReport) -> [[f64; 2]; 2] {
-    let texels = report.groups.iter().map(|g| g.texels).sum::<u64>().max(1) as f64;
-    let sum = |of: fn(&crate::transfer::store::PackedGroup) -> [u64; 2]| {
-        [0, 1].map(|part| report.groups.iter().map(|g| of(g)[part]).sum::<u64>() as f64 / texels)
-    };
-    [sum(|g| g.bytes_before), sum(|g| g.bytes)]
-}
-
 /// What it came to, in a line.
 pub(super) fn summary(report: &PackReport, [before, after]: [u64; 2]) -> String {
-    let [was, is] = bytes_a_texel(report);
+    let [was, is] = report.bytes_a_texel();
     let held: Vec<_> = report.groups.iter().filter(|g| g.texels > 0).collect();
-    let most = |of: fn(&crate::transfer::store::PackedGroup) -> f64| held.iter().map(|g| of(g)).fold(0.0, f64::max);
+    let most = |of: fn(&PackedGroup) -> f64| held.iter().map(|g| of(g)).fold(0.0, f64::max);
     format!(
         "{} of {}, transfer {:.1} of {:.1} bytes a texel; error {} RMS of transfer (noise {})",
         text::bytes(after as f64),
@@ -115,21 +91,6 @@ fn table(report: &PackReport) -> String {
         ]);
     }
     text::table(&rows)
-}
-
-pub(super) fn to_json(report: &PackReport, path: &Path, [before, after]: [u64; 2]) -> Value {
-    let group = |g: &crate::transfer::store::PackedGroup| {
-        json!({
-            "place": g.place, "texels": g.texels, "packing": g.packing, "noise": g.noise,
-            "transfer_bytes": g.bytes[0], "other_bytes": g.bytes[1],
-            "transfer_bytes_before": g.bytes_before[0], "other_bytes_before": g.bytes_before[1],
-        })
-    };
-    json!({
-        "store": file_name(&path.display().to_string()),
-        "groups": report.groups.iter().map(group).collect::<Vec<_>>(),
-        "store_bytes": after, "store_bytes_before": before,
-    })
 }
 
 /// How a store is packed, for people; nothing where it is not.

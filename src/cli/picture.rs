@@ -42,7 +42,7 @@ pub(super) struct PictureArgs {
     pub(super) supersampling: u8,
     /// From exposed radiance to colour: cut at white, or bent towards it
     #[arg(long, value_enum, default_value = "none")]
-    pub(super) tone: ToneName,
+    pub(super) tone: Tone,
     /// Draw a bar of a round length
     #[arg(long)]
     pub(super) scale_bar: bool,
@@ -61,27 +61,6 @@ pub(super) enum Cap {
     Flat,
     /// Nothing: the surface ends with an open edge
     Open,
-}
-
-/// A tone curve by name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum ToneName {
-    /// Linear up to white
-    None,
-    /// Reinhard and others 2002, equation 4, by luminance; four times white becomes white
-    Reinhard,
-    /// Narkowicz's fit of the ACES curve (2016), by channel
-    Filmic,
-}
-
-impl From<ToneName> for Tone {
-    fn from(name: ToneName) -> Self {
-        match name {
-            ToneName::None => Self::None,
-            ToneName::Reinhard => Self::Reinhard,
-            ToneName::Filmic => Self::Filmic,
-        }
-    }
 }
 
 /// What a turntable turns.
@@ -170,7 +149,7 @@ impl PictureArgs {
             cap: self.cap == Cap::Flat,
             supersampling: usize::from(self.supersampling),
             background: self.background,
-            tone: self.tone.into(),
+            tone: self.tone,
             scale_bar: self.scale_bar,
             wall_paths,
         }

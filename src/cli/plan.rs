@@ -59,7 +59,7 @@ impl Plan {
             all => json!({ "volumes": all }),
         };
         if self.time.is_some() || transfer.error.is_some() {
-            forecasts::check("--time and --error", self.bake.estimator.into())?;
+            forecasts::check("--time and --error", self.bake.estimator)?;
             json["forecast"] = self.forecast(&scene, &isovalues, seed, console)?;
         }
         console.print_json(&json);
@@ -110,19 +110,15 @@ impl Plan {
         let Some(first) = scene.members().first() else {
             return Err(Failure::Message("a scene without volumes".into()));
         };
-        let transfer = &self.bake.transfer;
         let (probe, turned) = environment(self.for_env.as_deref(), self.scene.as_ref())?;
-        let layout = self.bake.quality(seed).layout(&first.volume, first.geometry.as_ref())?;
         let (isovalue, all) = forecasts::weigh(
             &forecasts::Asked {
                 members: scene.members(),
                 isovalues,
-                layers: &layout.layers,
+                quality: &self.bake.quality(seed),
                 probe: &probe,
                 orientation: Orientation::new(first.volume.up, turned)?,
                 albedo: self.albedo.unwrap_or(0.7),
-                caustics: transfer.effects().switched("caustics") != Some(false),
-                seed,
             },
             &forecast::clock(),
         )?;

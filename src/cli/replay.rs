@@ -6,8 +6,8 @@ use crate::bake::Request;
 use crate::level::Pyramid;
 use crate::scene::geometry::Geometry;
 use crate::transfer::{Layers, Selection};
-use crate::transport::{Bake, On, PathEnd, ReplayedPath, TexelEstimate, replay_texel};
-use serde_json::{Value, json};
+use crate::transport::{Bake, On, ReplayedPath, TexelEstimate, replay_texel};
+use serde_json::json;
 
 pub(super) fn parse_texel(text: &str) -> Result<[usize; 3], String> {
     let numbers: Option<Vec<usize>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
@@ -33,7 +33,7 @@ pub(super) fn run(request: &Request<'_>, texel: [usize; 3], console: &Console) -
     let groups: Vec<(String, Layers)> =
         bake.groups().iter().map(|g| Ok((g.node(), g.layout(&request.layout)?.layers))).collect::<Outcome<_>>()?;
     if console.is_json() {
-        let paths: Vec<_> = found.paths.iter().map(|path| path_json(path, geometry)).collect();
+        let paths: Vec<_> = found.paths.iter().map(|path| path.to_json(geometry)).collect();
         let mut json = json!({
             "texel": texel, "valid": true, "clamped": site.clamped, "isovalue": isovalue,
             "normal_in_world": site.normal.vec().to_array(),
@@ -66,38 +66,15 @@ pub(super) fn run(request: &Request<'_>, texel: [usize; 3], console: &Console) -
     Ok(())
 }
 
-/// What a path turned on, where that is not its own level set.
-fn name_of(on: On, geometry: Option<&Geometry>) -> String {
-    match (on, geometry) {
-        (On::LevelSet(0), _) | (_, None) => String::new(),
-        (On::LevelSet(set), Some(geometry)) => {
-            geometry.partners().get(set - 1).map_or(String::new(), |partner| format!(" {}", partner.name))
-        }
-        (On::Wall(part), Some(_)) => format!(" wall {part}"),
-        (On::Medium(medium), Some(geometry)) => {
-            geometry.media().get(medium).map_or(String::new(), |medium| format!(" {}", medium.name))
-        }
-    }
-}
-
-fn end_of(end: PathEnd, geometry: Option<&Geometry>) -> String {
-    match (end, geometry) {
-        (PathEnd::Luminaire(l), Some(geometry)) => {
-            geometry.luminaires().get(l).map_or_else(|| end.name().into(), |luminaire| luminaire.name.clone())
-        }
-        _ => end.name().into(),
-    }
-}
-
 fn line(path: &ReplayedPath, geometry: Option<&Geometry>) -> String {
     let d = path.last_direction_in_world;
-    let vertex = |(v, &on): (&[f32; 3], &On)| format!("({:.3} {:.3} {:.3}{})", v[0], v[1], v[2], name_of(on, geometry));
+    let vertex = |(v, &on): (&[f32; 3], &On)| format!("({:.3} {:.3} {:.3}{})", v[0], v[1], v[2], on.name(geometry));
     let vertices: Vec<String> = path.vertices_in_grid.iter().zip(&path.on).map(vertex).collect();
     format!(
         "{:>9} {:>4}  {:<8}  {:>8.4} {:>8.4} {:>8.4}  {}",
         path.replicate,
         path.path,
-        end_of(path.ended, geometry),
+        path.ended.name_in(geometry),
         d[0],
         d[1],
         d[2],
@@ -132,16 +109,4 @@ fn estimate_lines(group: &str, layers: &Layers, estimate: &TexelEstimate) -> Str
         lines.push(format!("  standard error by band  {}", numbers(errors)));
     }
     lines.join("\n")
-}
-
-fn path_json(path: &ReplayedPath, geometry: Option<&Geometry>) -> Value {
-    let mut json = json!({
-        "replicate": path.replicate, "path": path.path, "ended": end_of(path.ended, geometry),
-        "vertices_in_grid": path.vertices_in_grid, "last_direction_in_world": path.last_direction_in_world,
-    });
-    if geometry.is_some() {
-        let names: Vec<String> = path.on.iter().map(|&on| name_of(on, geometry).trim().to_string()).collect();
-        json["turned_on"] = json!(names);
-    }
-    json
 }

@@ -38,14 +38,8 @@ pub(super) struct Study {
     input: Option<String>,
     /// Isovalue: a number in the file's values, a percentage of their range, or auto; of a scene of several volumes
     /// that of the first
-    #[arg(
-        short,
-        long,
-        visible_alias = "isovalues",
-        value_name = "C",
-        default_value = "auto",
-        allow_hyphen_values = true
-    )]
+    #[arg(short, long, visible_alias = "isovalues", value_name = "C")]
+    #[arg(default_value = "auto", allow_hyphen_values = true)]
     isovalue: Isovalue,
     /// Environment: an image file or a name, as relight takes it [default: the scene's, else courtyard]
     #[arg(short, long, value_name = "PROBE")]

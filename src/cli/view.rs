@@ -1,7 +1,7 @@
 //! `isolume view`: the live page, served on this machine or written into one file.
 
 use super::baking::{details, filler};
-use super::cache::{locate, prepare};
+use super::cache::ready;
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::isovalue::{Isovalue, NamedIsovalue, parse_named};
@@ -12,12 +12,12 @@ use crate::error::Error;
 use crate::export::atomic;
 use crate::export::inputs::Inputs;
 use crate::export::target::check_file;
-use crate::probe::{EMBEDDED, Probe};
-use crate::scene::{DARK, SceneFile, TextureSize, open_probe};
-use crate::transfer::store::{SceneIdentity, Store, check_store, is_store};
+use crate::probe::Probe;
+use crate::scene::{SceneFile, TextureSize, open_probe};
+use crate::transfer::store::{Store, check_store, is_store};
 use crate::view::page::page_in_one_file;
 use crate::view::server::Server;
-use crate::view::{Coding, Options, Package, package_of};
+use crate::view::{Coding, Options, Package, package_of, page_probes};
 use serde_json::json;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -48,14 +48,8 @@ pub(super) struct View {
     html: Option<PathBuf>,
     /// The isovalue to begin with: a number, a percentage of the range, or auto; of several volumes that of the one
     /// shown
-    #[arg(
-        short,
-        long,
-        visible_alias = "isovalues",
-        value_name = "C",
-        default_value = "auto",
-        allow_hyphen_values = true
-    )]
+    #[arg(short, long, visible_alias = "isovalues", value_name = "C")]
+    #[arg(default_value = "auto", allow_hyphen_values = true)]
     isovalue: Isovalue,
     /// Environments besides the embedded ones: image files or skies, as relight takes them
     #[arg(short, long, value_name = "PROBE")]
@@ -125,8 +119,7 @@ impl View {
             scene.member_named(name)?;
         }
         let isovalues = self.isovalues_of_scene()?;
-        let cache = locate(self.cache.as_deref())?;
-        prepare(&cache)?;
+        let cache = ready(self.cache.as_deref())?;
         let start = Instant::now();
         let bands = self.scene.as_ref().map(SceneFile::bands).unwrap_or_default();
         let mut quality = self.transfer.quality(&bands, seed);
@@ -179,18 +172,6 @@ impl View {
         }
     }
 
-    /// The environments of the page, the first of which it begins with. Luminaires are light enough.
-    fn probes(&self, surroundings: Option<&SceneIdentity>) -> Outcome<Vec<Probe>> {
-        let mut names: Vec<&str> = self.env.iter().map(String::as_str).collect();
-        if surroundings.is_some_and(|scene| !scene.luminaires.is_empty()) && !names.contains(&DARK) {
-            names.push(DARK);
-        }
-        let mut probes: Vec<Probe> =
-            names.into_iter().chain(EMBEDDED).map(|name| self.open_probe(name)).collect::<Result<_, _>>()?;
-        probes.dedup_by(|a, b| a.name == b.name);
-        Ok(probes)
-    }
-
     /// Opens an environment; an error names the line of the scene that it stands in.
     fn open_probe(&self, name: &str) -> Result<Probe, Error> {
         let in_scene = |error| self.scene.iter().fold(error, |error, file| file.at_environment(name, error));
@@ -198,8 +179,8 @@ impl View {
     }
 
     fn package(&self, store: &Store, console: &Console) -> Outcome<Package> {
-        let surroundings = store.identity().scene.as_ref();
-        let probes = self.probes(surroundings)?;
+        let given = self.env.iter().map(|name| self.open_probe(name)).collect::<Result<Vec<_>, _>>()?;
+        let probes = page_probes(given, store)?;
         let one_file = self.html.is_some();
         let options = Options {
             texture_side: self.texture_side.map_or(if one_file { 96 } else { 256 }, |n| n as usize),
@@ -208,28 +189,7 @@ impl View {
         };
         let rotation = self.scene.as_ref().and_then(|file| file.description.probe.as_ref()?.rotation);
         let package = package_of(store, &probes, (self.isovalue, rotation.unwrap_or(0.0), self.partial), &options)?;
-        let layout = store.layout();
-        let triple = |[x, y, z]: [usize; 3]| format!("{x} × {y} × {z}");
-        let reduced = |from: [usize; 3], to: [usize; 3]| {
-            if from == to { triple(to) } else { format!("{} (of {})", triple(to), triple(from)) }
-        };
-        let coding = match options.coding {
-            Coding::Half => "16-bit floats",
-            Coding::Byte => "8 bits with a scale to each coefficient",
-        };
-        let beside = surroundings.map_or(String::new(), |scene| {
-            let numbers = 3 * layout.layers.len() * (1 + scene.luminaires.len());
-            format!(" and {numbers} 16-bit floats of emission and luminaires")
-        });
-        console.note(format!(
-            "{}: samples {}, texels {}; {} texels with a level set × {} coefficients in {coding}{beside}, {}",
-            self.input,
-            reduced(layout.lattice.grid(), package.samples),
-            reduced(layout.lattice.texels(), package.texels),
-            text::count(package.valid_texels),
-            layout.layers.coefficients(),
-            text::bytes(package.payload.len() as f64),
-        ));
+        console.note(format!("{}: {}", self.input, package.describe(store, &options)));
         Ok(package)
     }
 

@@ -4,13 +4,14 @@
 //! Numbers are linear Rec.709 radiance as 32-bit floats, little-endian, x fastest. VTI carries the field itself and
 //! exposed colours too, so that a contour can be made and coloured from the one file.
 
-use super::write_error;
+use super::{atomic, write_error};
 use crate::error::{Error, Result};
 use crate::srgb::byte_from_linear;
 use glam::{DMat3, DVec3};
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::Write;
+use std::path::Path;
 
 /// Radiance on a lattice of points in world. All slices hold one entry a point, x fastest.
 #[derive(Clone, Copy, Debug)]
@@ -46,6 +47,52 @@ impl RadianceField<'_> {
             return Err(Error::argument("radiance field", found, "finite, independent steps", "check the grid"));
         }
         Ok(())
+    }
+}
+
+/// A kind of file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FieldFormat {
+    /// ParaView, VTK.
+    Vti,
+    /// 3D Slicer, ITK.
+    Nrrd,
+    /// RGBA floats, with a header `.nhdr` beside them.
+    Raw,
+}
+
+impl FieldFormat {
+    /// By the ending of a name.
+    ///
+    /// # Errors
+    /// For another ending.
+    pub fn of(path: &Path) -> Result<Self> {
+        let suffix = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        match suffix.as_deref() {
+            Some("vti") => Ok(Self::Vti),
+            Some("nrrd") => Ok(Self::Nrrd),
+            Some("raw") => Ok(Self::Raw),
+            _ => {
+                let expected = "a name ending in .vti, .nrrd or .raw";
+                Err(Error::argument("output", path.display(), expected, "the ending decides the format"))
+            }
+        }
+    }
+
+    /// Writes a field as the file `path`.
+    ///
+    /// # Errors
+    /// As the writers; when the file cannot be written.
+    pub fn write(self, path: &Path, field: &RadianceField<'_>) -> Result<()> {
+        match self {
+            Self::Vti => atomic::write(path, |w| write_vti(w, field)),
+            Self::Nrrd => atomic::write(path, |w| write_nrrd(w, field)),
+            Self::Raw => {
+                atomic::write(path, |w| write_raw(w, field))?;
+                let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+                atomic::write(path.with_extension("nhdr"), |w| write_raw_header(w, field, &name))
+            }
+        }
     }
 }
 

@@ -49,7 +49,7 @@ pub use orientation::{EnvFrame, Orientation};
 pub use project::{into_world, project};
 pub use read::{BadPixels, Layout, Note, ReadOptions};
 #[doc(hidden)]
-pub use report::{Report, report};
+pub use report::{Lobe, Report, report};
 #[doc(hidden)]
 pub use source::EnvironmentSource;
 pub use sun::NoSun;

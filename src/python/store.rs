@@ -19,7 +19,7 @@ use crate::sh::Window;
 use crate::transfer::store::{EstimatorIdentity, Store as Held};
 use crate::transport::Settings as Paths;
 use crate::view::page::page_in_one_file;
-use crate::view::{Coding, Options, Package, package_of};
+use crate::view::{Coding, Options, Package, package_of, page_probes};
 use crate::volume::Isovalue;
 use numpy::{PyArray1, PyArray3, PyArray4, PyArrayMethods};
 use pyo3::prelude::*;
@@ -76,7 +76,7 @@ impl Store {
         half: bool,
     ) -> PyResult<Package> {
         let isovalue: Isovalue = isovalue.parse::<Isovalue>().or_raise(py)?;
-        let mut probes: Vec<Probe> = envs.iter().map(|env| Probe::clone(env.get().probe())).collect();
+        let probes: Vec<Probe> = envs.iter().map(|env| Probe::clone(env.get().probe())).collect();
         let coding = if half { Coding::Half } else { Coding::Byte };
         let options = Options { texture_side, volume_side, coding };
         watch::briefly(py, || {
@@ -86,12 +86,7 @@ impl Store {
                 }
             }
             let store = Held::open(&self.path)?;
-            let luminaires = store.identity().scene.as_ref().is_some_and(|scene| !scene.luminaires.is_empty());
-            for name in luminaires.then_some(DARK).into_iter().chain(EMBEDDED) {
-                if !probes.iter().any(|probe| probe.name == name) {
-                    probes.push(open_probe(name, false, None)?);
-                }
-            }
+            let probes = page_probes(probes, &store)?;
             Ok(package_of(&store, &probes, (isovalue, 0.0, false), &options)?)
         })
     }

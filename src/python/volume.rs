@@ -6,9 +6,8 @@ use super::environment::Environment;
 use super::error::OrRaise;
 use super::store::{Store, warn};
 use super::watch;
-use crate::cli::shared::parse_up;
 use crate::error::{Error, Result};
-use crate::geom::Affine;
+use crate::geom::{Affine, Up};
 use crate::scene::{Effects, Front, Member, Scene, VolumeOptions};
 use crate::volume::array::{Placement, address, from_numbers, from_owner, metres_in};
 use crate::volume::{Channel, Choice, Isovalue, LengthUnit, Solid, Spacing};
@@ -39,7 +38,7 @@ fn options(solid: Option<&str>, up: Option<&str>, choice: Choice, keep_largest: 
         None => (None, None),
         Some("anatomical") => (None, Some(Front::Anatomical)),
         Some(axis) => {
-            let found = parse_up(axis).map_err(|_| {
+            let found = Up::named(axis).ok_or_else(|| {
                 let expected = "x, y, z, -x, -y, -z, or anatomical (z, the front anterior)";
                 Error::argument("up", axis, expected, "leave it out for z")
             })?;

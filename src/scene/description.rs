@@ -318,14 +318,7 @@ fn side(item: &Item<'_>) -> Result<Solid> {
 }
 
 fn axis(item: &Item<'_>) -> Result<Up> {
-    Ok(match item.word(&UPS)? {
-        "x" => Up::X,
-        "y" => Up::Y,
-        "-x" => Up::NegX,
-        "-y" => Up::NegY,
-        "-z" => Up::NegZ,
-        _ => Up::Z,
-    })
+    Ok(Up::named(item.word(&UPS)?).unwrap_or_default())
 }
 
 /// A number, or text such as "40%" or "auto".

@@ -2,12 +2,15 @@
 
 use super::{Lighting, LuminaireFactor, radiance_of_bricks};
 use crate::error::Result;
+use crate::export::field::{FieldFormat, RadianceField};
 use crate::grid3;
 use crate::relight::{LookupReport, Material};
 use crate::transfer::store::Store;
 use crate::transfer::{BRICK, BrickSource, BrickView, Lattice, Selection, validity};
 use crate::volume::Volume;
 use glam::{DMat3, DVec3};
+use serde_json::Value;
+use std::path::Path;
 
 /// The relit texture of a store: one entry a texel, x fastest.
 pub struct RelitField {
@@ -66,6 +69,16 @@ impl RelitField {
         }
         let (origin, steps) = placement(volume, lattice);
         Ok(Self { dims: [mx, my, mz], origin, steps, radiance, valid, values, noise: contracted.noise.relative() })
+    }
+
+    /// Writes it, with the factor from radiance to colours and how it was made.
+    ///
+    /// # Errors
+    /// As [`FieldFormat::write`].
+    pub fn write(&self, path: &Path, format: FieldFormat, exposure: f32, provenance: &Value) -> Result<()> {
+        let Self { dims, origin, steps, radiance, valid, values, .. } = self;
+        let (dims, origin, steps) = (*dims, *origin, *steps);
+        format.write(path, &RadianceField { dims, origin, steps, radiance, valid, values, exposure, provenance })
     }
 
     /// Radiance of the texels that have a level set.

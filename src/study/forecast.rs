@@ -2,7 +2,7 @@
 
 use super::model::{Forecast, Pilot};
 use super::{Clock, Study};
-use crate::bake::{Estimator, bytes_of_scene_texel, spread};
+use crate::bake::{Estimator, Quality, bytes_of_scene_texel, spread};
 use crate::compare::{LitSurface, unburied};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
@@ -131,18 +131,14 @@ pub struct Asked<'a> {
     pub members: &'a [Member],
     /// Those asked for, of each; `None` for all.
     pub isovalues: &'a [Option<Vec<f64>>],
-    /// Layers of the texture of the first.
-    pub layers: &'a Layers,
+    /// How the bake is asked for: its layers, effects and seed.
+    pub quality: &'a Quality,
     /// The light.
     pub probe: &'a Probe,
     /// How it stands around the first volume.
     pub orientation: Orientation,
     /// Of the surface.
     pub albedo: f32,
-    /// Whether caustics are baked.
-    pub caustics: bool,
-    /// Of all random numbers.
-    pub seed: u64,
 }
 
 /// The pilots of a bake, and the isovalue of the first volume at which accuracy is looked at: the first asked for. Of
@@ -161,28 +157,30 @@ pub fn weigh(asked: &Asked<'_>, clock: &Clock<'_>) -> Result<(f64, Vec<Weighed>)
         Some([first, ..]) => *first,
         _ => first.choose(Isovalue::Auto)?.value,
     };
+    let layers = asked.quality.layout(volume, geometry)?.layers;
     let pyramid = Pyramid::new(volume);
     let surface = Isosurface::extract(volume, &pyramid, isovalue)?;
-    let points = surface.random_points(POINTS, asked.seed ^ 0x70);
+    let points = surface.random_points(POINTS, asked.quality.seed ^ 0x70);
     let points = unburied(volume, &pyramid, geometry, isovalue, points);
     let question = Question {
         surface: LitSurface {
             volume,
             pyramid: &pyramid,
             geometry,
-            caustics: asked.caustics && geometry.is_none_or(|geometry| needs_photons(geometry).is_empty()),
+            caustics: asked.quality.effects.switched("caustics") != Some(false)
+                && geometry.is_none_or(|geometry| needs_photons(geometry).is_empty()),
             specular: None,
             isovalue,
             points: &points,
             light: &asked.probe.source(asked.orientation),
-            coefficients: &asked.probe.coefficients_in_world(asked.layers.max_bands(), asked.orientation),
+            coefficients: &asked.probe.coefficients_in_world(layers.max_bands(), asked.orientation),
             albedo: [asked.albedo; 3],
             emission: [0.0; 3],
             scales: &[],
             vertices: None,
         },
-        layers: asked.layers,
-        seed: asked.seed,
+        layers: &layers,
+        seed: asked.quality.seed,
     };
     let selected = |lattice| texels_of_isosurfaces(volume, lattice, of(0));
     let mut all = pilots(&question, &RATIOS, &selected, clock)?;

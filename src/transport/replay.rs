@@ -9,7 +9,9 @@ use crate::geom::Frame;
 use crate::grid3;
 use crate::level::{Counts, LevelField, Outcome, Site};
 use crate::sampling::{PathSampler, warp};
+use crate::scene::geometry::Geometry;
 use crate::volume::{Sample, with_samples};
+use serde_json::{Value, json};
 
 /// What a path turned on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -178,4 +180,47 @@ pub fn replay<T: Sample>(field: &LevelField<'_, T>, site: &Site, item: u64, sett
         }
     }
     all
+}
+
+impl On {
+    /// What a path turned on, where that is not its own level set.
+    pub fn name(self, geometry: Option<&Geometry>) -> String {
+        match (self, geometry) {
+            (Self::LevelSet(0), _) | (_, None) => String::new(),
+            (Self::LevelSet(set), Some(geometry)) => {
+                geometry.partners().get(set - 1).map_or(String::new(), |partner| format!(" {}", partner.name))
+            }
+            (Self::Wall(part), Some(_)) => format!(" wall {part}"),
+            (Self::Medium(medium), Some(geometry)) => {
+                geometry.media().get(medium).map_or(String::new(), |medium| format!(" {}", medium.name))
+            }
+        }
+    }
+}
+
+impl PathEnd {
+    /// Its name, or that of the luminaire that was met.
+    pub fn name_in(self, geometry: Option<&Geometry>) -> String {
+        match (self, geometry) {
+            (Self::Luminaire(l), Some(geometry)) => {
+                geometry.luminaires().get(l).map_or_else(|| self.name().into(), |luminaire| luminaire.name.clone())
+            }
+            _ => self.name().into(),
+        }
+    }
+}
+
+impl ReplayedPath {
+    /// For programs.
+    pub fn to_json(&self, geometry: Option<&Geometry>) -> Value {
+        let mut json = json!({
+            "replicate": self.replicate, "path": self.path, "ended": self.ended.name_in(geometry),
+            "vertices_in_grid": self.vertices_in_grid, "last_direction_in_world": self.last_direction_in_world,
+        });
+        if geometry.is_some() {
+            let names: Vec<String> = self.on.iter().map(|&on| on.name(geometry).trim().to_string()).collect();
+            json["turned_on"] = json!(names);
+        }
+        json
+    }
 }

@@ -1,8 +1,10 @@
 //! What the page shows of a store.
 
-use super::{Options, Package, Subject, Surrounded, pack};
+use super::{Coding, Options, Package, Subject, Surrounded, pack};
 use crate::error::Result;
-use crate::probe::Probe;
+use crate::probe::{EMBEDDED, Probe};
+use crate::quantity::{bytes, count};
+use crate::scene::{DARK, open_probe};
 use crate::session::Groups;
 use crate::transfer::store::{Completeness, SceneIdentity, Store};
 use crate::volume::Isovalue;
@@ -71,4 +73,46 @@ fn about_surroundings(scene: &SceneIdentity) -> Vec<(&'static str, String)> {
         about.push(("other volumes", others));
     }
     about
+}
+
+impl Package {
+    /// What is in it, in a line: how far texture and volume are reduced, and how coefficients are kept.
+    pub fn describe(&self, store: &Store, options: &Options) -> String {
+        let layout = store.layout();
+        let triple = |[x, y, z]: [usize; 3]| format!("{x} × {y} × {z}");
+        let reduced = |from: [usize; 3], to: [usize; 3]| {
+            if from == to { triple(to) } else { format!("{} (of {})", triple(to), triple(from)) }
+        };
+        let coding = match options.coding {
+            Coding::Half => "16-bit floats",
+            Coding::Byte => "8 bits with a scale to each coefficient",
+        };
+        let beside = store.identity().scene.as_ref().map_or(String::new(), |scene| {
+            let numbers = 3 * layout.layers.len() * (1 + scene.luminaires.len());
+            format!(" and {numbers} 16-bit floats of emission and luminaires")
+        });
+        format!(
+            "samples {}, texels {}; {} texels with a level set × {} coefficients in {coding}{beside}, {}",
+            reduced(layout.lattice.grid(), self.samples),
+            reduced(layout.lattice.texels(), self.texels),
+            count(self.valid_texels),
+            layout.layers.coefficients(),
+            bytes(self.payload.len() as f64),
+        )
+    }
+}
+
+/// The environments of the page, the first of which it begins with: those given, no light where luminaires are light enough, and
+/// those that every page has.
+///
+/// # Errors
+/// None, but that an environment is opened.
+pub fn page_probes(mut given: Vec<Probe>, store: &Store) -> Result<Vec<Probe>> {
+    let luminaires = store.identity().scene.as_ref().is_some_and(|scene| !scene.luminaires.is_empty());
+    for name in luminaires.then_some(DARK).into_iter().chain(EMBEDDED) {
+        if !given.iter().any(|probe| probe.name == name) {
+            given.push(open_probe(name, false, None)?);
+        }
+    }
+    Ok(given)
 }

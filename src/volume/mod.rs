@@ -389,6 +389,23 @@ impl Volume {
         Ok(self)
     }
 
+    /// Whether it has any surface; `false` only where that is accepted.
+    ///
+    /// # Errors
+    /// When all samples are the same, and an empty store is not accepted.
+    pub fn check_surface(&self, allow_empty: bool) -> Result<bool> {
+        let (low, high) = self.value_range();
+        if low < high || allow_empty {
+            return Ok(low < high);
+        }
+        Err(Error::argument(
+            "volume",
+            format!("{}, all of whose samples are {low}", self.name),
+            "samples that differ",
+            "a constant volume has no surface; --allow-empty makes an empty store of it",
+        ))
+    }
+
     /// Refuses a grid without cells, which no ray can be traced in.
     ///
     /// # Errors

@@ -67,6 +67,7 @@ pub const LAYERS: &[Layer] = &[
     layer("study", &["cache", "lit", "demo"]),
     layer("inspect", &["cache", "lit", "demo", "compare", "study"]),
     layer("view", &["transport", "cache", "lit", "demo"]),
+    layer("signals", &[]),
     layer("cli", &[]),
     // A second caller of the same calls; what the program has beside them (the cache, memory, options as text) it shares.
     layer("python", &[]),
@@ -79,7 +80,7 @@ pub struct Rule {
     pub why: &'static str,
 }
 
-const PROGRAM: &[&str] = &["src/cli/", "src/main.rs"];
+const PROGRAM: &[&str] = &["src/cli/", "src/signals/", "src/main.rs"];
 
 /// What library code must not do.
 pub const FORBIDDEN: &[Rule] = &[
@@ -104,13 +105,13 @@ pub const FORBIDDEN: &[Rule] = &[
     Rule {
         patterns: &["unsafe"],
         // The one map of a file into memory, the answer to a mapped file that shrinks, and arrays of NumPy that are not copied.
-        allowed: &["src/transfer/store/backing.rs", "src/cli/fault.rs", "src/python/array.rs"],
+        allowed: &["src/transfer/store/backing.rs", "src/signals/fault.rs", "src/python/array.rs"],
         why: "unsafe code is denied but for the memory map, the signal that comes of it, and arrays of NumPy",
     },
     Rule {
         patterns: &["thread::spawn", "thread::scope", "AtomicF32", "AtomicF64"],
         // Beside a bake that Python waits for, its thread listens to Ctrl-C.
-        allowed: &["src/cli/", "src/main.rs", "src/python/watch.rs"],
+        allowed: &["src/cli/", "src/signals/", "src/main.rs", "src/python/watch.rs"],
         why: "parallel loops go through rayon, write their own slots and sum in a fixed order",
     },
     Rule {
@@ -179,6 +180,7 @@ pub const RAYON_FILES: &[(&str, &str)] = &[
 /// Where the file system may be named, and why. Readers take `impl Read`.
 pub const FILE_SYSTEM_FILES: &[(&str, &str)] = &[
     ("src/cli/", "opens what the user names"),
+    ("src/signals/", "asks the system which signals are ignored"),
     ("src/main.rs", "is the program"),
     ("src/export/atomic.rs", "writes a file whole or not at all"),
     ("src/cache/", "is a folder of stores"),
@@ -200,9 +202,9 @@ pub const CRATES: &[(&str, &[&str])] = &[
     ("clap", &["cli", "main"]),
     ("indicatif", &["cli", "main"]),
     ("cpu_time", &["cli", "main"]),
-    ("ctrlc", &["cli", "main"]),
-    ("signal_hook", &["cli", "main"]),
-    ("libc", &["cli", "main"]),
+    ("ctrlc", &["signals"]),
+    ("signal_hook", &["signals"]),
+    ("libc", &["signals"]),
     ("clap_complete", &["cli", "main"]),
     ("clap_mangen", &["cli", "main"]),
     ("getrandom", &["view", "cli", "main"]),

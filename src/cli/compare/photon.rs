@@ -16,7 +16,7 @@ pub(super) struct PhotonArgs {
     photons: u32,
     /// What photons are taken for
     #[arg(long, value_enum, default_value = "indirect")]
-    photon_light: LightChoice,
+    photon_light: PhotonLight,
     /// Which isovalues they carry
     #[arg(long, value_enum, default_value = "near")]
     photon_isovalues: IsovaluesChoice,
@@ -31,21 +31,10 @@ pub(super) struct PhotonArgs {
     caustic_neighbours: u32,
     /// How the density of photons is read
     #[arg(long, value_enum, default_value = "tilted")]
-    estimate: Estimate,
+    estimate: Density,
     /// Rays at each point for direct light and gathering, a power of two
     #[arg(long, value_name = "N", default_value = "256", value_parser = crate::cli::options::parse_rays)]
     photon_rays: u32,
-}
-
-/// As [`PhotonLight`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum LightChoice {
-    /// Indirect light; direct light by rays
-    Indirect,
-    /// All light
-    All,
-    /// All light, one reflection away: rays gather it
-    Gather,
 }
 
 /// As [`IsovalueChoice`], and its range.
@@ -57,19 +46,6 @@ enum IsovaluesChoice {
     Extents,
     /// All alike
     Uniform,
-}
-
-/// As [`Density`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Estimate {
-    /// By the ellipsoid that a search covers on a tilted field
-    Tilted,
-    /// As published by Beason (2005, eq. 4.9), not clipped: too dark; for study
-    #[value(name = "published-4.9", alias = "published")]
-    Published,
-    /// As published and recommended there (eq. 4.10), clipped to the isovalues found; for study
-    #[value(name = "published-4.10")]
-    PublishedClipped,
 }
 
 /// Samples that isovalues near a surface span across it.
@@ -92,16 +68,7 @@ impl PhotonArgs {
             memory_limit,
             ..PhotonSettings::default()
         };
-        let light = match self.photon_light {
-            LightChoice::Indirect => PhotonLight::Indirect,
-            LightChoice::All => PhotonLight::All,
-            LightChoice::Gather => PhotonLight::FinalGather,
-        };
-        let density = match self.estimate {
-            Estimate::Tilted => Density::Tilted,
-            Estimate::Published => Density::Published,
-            Estimate::PublishedClipped => Density::PublishedClipped,
-        };
+        let (light, density) = (self.photon_light, self.estimate);
         let search = PhotonSearch { neighbours: self.neighbours, density, ..PhotonSearch::default() };
         let caustics = PhotonSearch { neighbours: self.caustic_neighbours, density, ..PhotonSearch::of_caustics() };
         let reading = PhotonLightSettings { light, rays: self.photon_rays, search, caustics, seed };

@@ -3,7 +3,7 @@
 mod report;
 
 use super::baking::{details, filler};
-use super::cache::{locate, prepare};
+use super::cache::ready;
 use super::console::Console;
 use super::input::VolumeArgs;
 use super::isovalue::{NamedIsovalue, parse_named};
@@ -45,16 +45,8 @@ pub(in crate::cli) struct Relight {
     /// the volume, 300HU, bone, skin, otsu, or auto. Two of opposite sign without {isovalue} in the output are the lobes of
     /// a field about 0, in one picture. Of several volumes baked together isovalues are those of the first; NAME=C is that
     /// of another, and all surfaces that belong to it are lit
-    #[arg(
-        short,
-        long,
-        visible_alias = "isovalues",
-        value_name = "[NAME=]C[,…]",
-        value_delimiter = ',',
-        required = true,
-        allow_hyphen_values = true,
-        value_parser = parse_named
-    )]
+    #[arg(short, long, visible_alias = "isovalues", value_name = "[NAME=]C[,…]", value_delimiter = ',')]
+    #[arg(required = true, allow_hyphen_values = true, value_parser = parse_named)]
     isovalue: Vec<NamedIsovalue>,
     /// Environment: an image file, courtyard, studio, sunset, or a sky: constant, gradient, overcast, sky, sun:AZ,EL
     /// (azimuth counter-clockwise from the centre of an image, glTF +X)
@@ -161,11 +153,7 @@ impl Relight {
             drafts: !self.no_draft,
         };
         let host = Host {
-            cache: &|| {
-                let cache = locate(self.cache.as_deref())?;
-                prepare(&cache)?;
-                Ok(cache)
-            },
+            cache: &|| ready(self.cache.as_deref()),
             fill: &filler(start, console),
             filled: &|filled| details(filled, console),
             note: &|text| console.note(text),

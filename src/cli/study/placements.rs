@@ -30,14 +30,8 @@ pub(super) struct PlacementsArgs {
     #[arg(value_name = "SCENE|VOLUME")]
     input: String,
     /// Isovalue: a number in the file's values, a percentage of their range, or auto
-    #[arg(
-        short,
-        long,
-        visible_alias = "isovalues",
-        value_name = "C",
-        default_value = "auto",
-        allow_hyphen_values = true
-    )]
+    #[arg(short, long, visible_alias = "isovalues", value_name = "C")]
+    #[arg(default_value = "auto", allow_hyphen_values = true)]
     isovalue: Isovalue,
     /// Environment: an image file or a name [default: the scene's, if it has one]
     #[arg(short, long, value_name = "PROBE")]

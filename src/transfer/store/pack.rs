@@ -8,8 +8,9 @@ use super::metadata::{arrays, arrays_of, required_json, sealed, unsealed};
 use super::packed::{self, Loss, PACKED, Packing};
 use super::surface::SURFACES;
 use super::zarr;
-use super::{Store, StoreOptions};
+use super::{Replacement, Store, StoreOptions};
 use crate::error::{Error, Result};
+use crate::file::size_on_disk;
 use crate::grid3;
 use crate::staging;
 use crate::transfer::{Brick, Group};
@@ -60,7 +61,51 @@ pub struct PackReport {
     pub groups: Vec<PackedGroup>,
 }
 
+impl PackReport {
+    /// Bytes a texel of coefficients and of all else, before and after.
+    pub fn bytes_a_texel(&self) -> [[f64; 2]; 2] {
+        let texels = self.groups.iter().map(|g| g.texels).sum::<u64>().max(1) as f64;
+        let sum = |of: fn(&PackedGroup) -> [u64; 2]| {
+            [0, 1].map(|part| self.groups.iter().map(|g| of(g)[part]).sum::<u64>() as f64 / texels)
+        };
+        [sum(|g| g.bytes_before), sum(|g| g.bytes)]
+    }
+
+    /// For programs; `store` is its name, with the bytes of the store before and after.
+    pub fn to_json(&self, store: &str, [before, after]: [u64; 2]) -> Value {
+        let group = |g: &PackedGroup| {
+            json!({
+                "place": g.place, "texels": g.texels, "packing": g.packing, "noise": g.noise,
+                "transfer_bytes": g.bytes[0], "other_bytes": g.bytes[1],
+                "transfer_bytes_before": g.bytes_before[0], "other_bytes_before": g.bytes_before[1],
+            })
+        };
+        json!({
+            "store": store,
+            "groups": self.groups.iter().map(group).collect::<Vec<_>>(),
+            "store_bytes": after, "store_bytes_before": before,
+        })
+    }
+}
+
 impl StoreOptions {
+    /// Packs the store at `path` in its place; what was done, with the sizes before and after. `None` where it is packed already.
+    ///
+    /// # Errors
+    /// As [`Self::pack`].
+    pub fn pack_in_place(self, path: &Path, error: PackError) -> Result<Option<(PackReport, [u64; 2])>> {
+        let source = Store::open(path)?;
+        if source.packing().is_some() {
+            return Ok(None);
+        }
+        let before = size_on_disk(path);
+        let replacement = Replacement::begin(path)?;
+        let (packed, report) = self.pack(&source, replacement.path(), error)?;
+        drop((source, packed));
+        replacement.commit()?;
+        Ok(Some((report, [before, size_on_disk(path)])))
+    }
+
     /// Makes a packed copy of a store at `path`, which appears when it is complete.
     ///
     /// # Errors

@@ -17,7 +17,7 @@ const MESSAGE: &[u8] = b"error: a file of the store shrank while it was read: an
 /// default action first, which ends the process at once when a second thread meets the cut-off file meanwhile.
 #[cfg(unix)]
 #[allow(unsafe_code)]
-pub(super) fn explain_bus_errors() {
+pub fn explain_bus_errors() {
     extern "C" fn answer(_: libc::c_int) {
         // SAFETY: write(2) and _exit(2) are async-signal-safe; nothing is allocated, no lock is taken, nothing can panic.
         unsafe {
@@ -37,4 +37,4 @@ pub(super) fn explain_bus_errors() {
 
 /// Other systems do not let a mapped file be cut off.
 #[cfg(not(unix))]
-pub(super) fn explain_bus_errors() {}
+pub fn explain_bus_errors() {}

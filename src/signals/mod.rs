@@ -1,7 +1,11 @@
-//! Requests to stop: Ctrl-C (SIGINT), SIGTERM as batch systems send it, SIGHUP of a terminal that closes.
+//! What a program answers to signals of the system (feature `cli`): bus errors ([`explain_bus_errors`]), and requests to stop: Ctrl-C (SIGINT), SIGTERM as batch systems send it, SIGHUP of a terminal that closes.
 //!
 //! While work is guarded, the first one asks it to stop where nothing is lost, the second ends it: the work is told to drop
 //! what it has begun, and the process is gone a second later. Unguarded, a request ends the process as if nobody listened.
+
+mod fault;
+
+pub use fault::explain_bus_errors;
 
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering};
@@ -18,12 +22,12 @@ const GRACE: Duration = Duration::from_secs(1);
 const INTERRUPT: i32 = 2;
 
 /// How often the user asked to stop while work was guarded.
-pub(super) fn requests() -> u32 {
+pub fn requests() -> u32 {
     REQUESTS.load(Ordering::SeqCst)
 }
 
 /// The exit code of a command that stopped because it was asked to: 128 and the number of the signal, as shells have it.
-pub(super) fn exit_code() -> Option<u8> {
+pub fn exit_code() -> Option<u8> {
     (requests() > 0).then(|| code(FIRST.load(Ordering::SeqCst)))
 }
 
@@ -32,11 +36,11 @@ fn code(signal: i32) -> u8 {
 }
 
 /// While it lives, a request to stop does not end the process; [`requests`] counts it.
-pub(super) struct Guard;
+pub struct Guard;
 
 impl Guard {
     /// Guards the work that follows.
-    pub(super) fn new(quiet: bool) -> Self {
+    pub fn new(quiet: bool) -> Self {
         GUARDED.store(true, Ordering::SeqCst);
         // An error is a second call, or a system without signals: the process then simply ends.
         listen(quiet);
