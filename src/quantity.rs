@@ -118,6 +118,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn numbers_are_short_and_exact_enough() {
+        let shown = |v: f64| number(v, 6);
+        assert_eq!(
+            [0.0, 90.0, 160.5, -0.6, 1e-9, 123456789.0].map(shown),
+            ["0", "90", "160.5", "-0.6", "1.00000e-9", "123456789"]
+        );
+        assert_eq!(count(1234567), "1,234,567");
+        assert_eq!(bytes(2.5e9), "2.50 GB");
+    }
+
+    #[test]
     fn times_as_people_write_them() {
         let seconds = |t: &str| parse_time(t).map(|d| d.as_secs_f64());
         assert_eq!(seconds("90s"), Ok(90.0));

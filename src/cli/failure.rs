@@ -40,7 +40,7 @@ impl Failure {
 }
 
 /// A command line that is wrong.
-pub(super) fn usage_json(error: &clap::Error) -> Value {
+pub(in crate::cli) fn usage_json(error: &clap::Error) -> Value {
     let text = error.render().to_string();
     let message = text.lines().next().unwrap_or_default();
     let message = message.strip_prefix("error: ").unwrap_or(message);

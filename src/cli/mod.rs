@@ -5,105 +5,22 @@
 //! line was wrong; 1: anything else, with one line `error: …`; 128 + n: stopped by signal n, in a state that the same
 //! command goes on from. Under `--json` a failure is a document on standard output too: `{"error": {"kind": …}}`.
 
-mod bake;
-mod bake_report;
-mod baking;
-mod cache;
-mod choices;
-mod cluster;
-mod compare;
-mod completions;
-mod console;
-mod demo;
-mod doctor;
-mod env;
-mod export;
+mod args;
+mod commands;
 mod failure;
-mod forecast;
-mod info;
-mod input;
-mod isovalue;
-mod light;
-mod man;
-mod merge;
-mod options;
-mod pack;
-mod picture;
-mod plan;
-mod plan_table;
-mod relight;
-mod replay;
-mod scene;
+mod line;
+mod present;
 #[cfg(feature = "python")]
 pub(crate) mod shared;
-mod study;
-mod text;
-mod verify;
-mod view;
-
-#[cfg(test)]
-mod tests;
 
 use crate::error::Error;
 use crate::signals;
-use clap::{Parser, Subcommand};
-use console::Console;
 pub(crate) use failure::{Failure, Outcome};
+use line::Cli;
+use present::console::Console;
 use serde_json::json;
 use std::ffi::OsString;
 use std::process::ExitCode;
-
-/// Precomputed light transfer on every isosurface of a volume: bake once, relight by any environment.
-#[derive(Parser)]
-#[command(name = "isolume", version, max_term_width = 80, after_help = "Start with:\n  isolume demo")]
-struct Cli {
-    #[command(flatten)]
-    common: Common,
-    #[command(subcommand)]
-    command: Command,
-}
-
-/// Options of every command.
-#[derive(clap::Args, Clone)]
-struct Common {
-    /// Print the result as JSON
-    #[arg(long, global = true, help_heading = "Every command")]
-    json: bool,
-    /// Print nothing but errors and what was asked for: no progress, no notes, no summary
-    #[arg(short, long, global = true, help_heading = "Every command")]
-    quiet: bool,
-    /// Print details: sizes, times, rays, noise
-    #[arg(short, long, global = true, help_heading = "Every command", conflicts_with = "quiet")]
-    verbose: bool,
-    /// Threads to use [default: one per core]
-    #[arg(long, global = true, help_heading = "Every command", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
-    threads: Option<u32>,
-    /// Seed of all random numbers
-    #[arg(long, global = true, help_heading = "Every command", value_name = "N", default_value_t = 0)]
-    seed: u64,
-}
-
-#[derive(Subcommand)]
-enum Command {
-    Demo(demo::Demo),
-    Info(info::Info),
-    Doctor(doctor::Doctor),
-    Plan(Box<plan::Plan>),
-    Bake(Box<bake::Bake>),
-    Merge(merge::Merge),
-    Verify(verify::Verify),
-    Pack(pack::Pack),
-    Cluster(cluster::Cluster),
-    Compare(Box<compare::Compare>),
-    Study(Box<study::Study>),
-    Relight(Box<relight::Relight>),
-    View(Box<view::View>),
-    Export(Box<export::Export>),
-    Env(env::Env),
-    Cache(cache::CacheCommand),
-    Completions(completions::Completions),
-    Man(man::Man),
-}
 
 /// Runs the program with the arguments of the process.
 pub fn main() -> ExitCode {
@@ -128,7 +45,7 @@ pub(crate) fn exit_code(line: Vec<OsString>) -> u8 {
             2,
         );
     }
-    let cli = match scene::parse(line) {
+    let cli = match line::parse(line) {
         Ok(Ok(cli)) => cli,
         Err(error) => return failed(error.into(), 1),
         Ok(Err(error)) => return answer_of_parser(&error, json),
@@ -171,25 +88,5 @@ fn run(cli: &Cli, console: &Console) -> Outcome {
         let threads = cli.common.threads.map_or("one thread per core".into(), |n| format!("{n} threads"));
         Failure::Message(format!("cannot start {threads}: {e}; give fewer --threads, or see ulimit -v and -u"))
     })?;
-    let seed = cli.common.seed;
-    match &cli.command {
-        Command::Demo(command) => command.run(seed, console),
-        Command::Info(command) => command.run(console),
-        Command::Doctor(command) => command.run(console),
-        Command::Plan(command) => command.run(seed, console),
-        Command::Bake(command) => command.run(seed, console),
-        Command::Merge(command) => command.run(console),
-        Command::Verify(command) => command.run(console),
-        Command::Pack(command) => command.run(console),
-        Command::Cluster(command) => command.run(seed, console),
-        Command::Compare(command) => command.run(seed, console),
-        Command::Study(command) => command.run(seed, console),
-        Command::Relight(command) => command.run(seed, console),
-        Command::View(command) => command.run(seed, console),
-        Command::Export(command) => command.run(console),
-        Command::Env(command) => command.run(console),
-        Command::Cache(command) => command.run(console),
-        Command::Completions(command) => command.run(console),
-        Command::Man(command) => command.run(console),
-    }
+    cli.command.run(cli.common.seed, console)
 }

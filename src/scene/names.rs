@@ -26,3 +26,16 @@ fn edit_distance(a: &str, b: &str) -> usize {
     }
     rows[a.len()][b.len()]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn misspelt_names_find_their_neighbour_and_others_none() {
+        let names = ["courtyard", "studio", "sunset"];
+        assert_eq!(nearest("cuortyard", names), Some("courtyard"));
+        assert_eq!(nearest("Sunst", names), Some("sunset"));
+        assert_eq!(nearest("brain", names), None);
+    }
+}

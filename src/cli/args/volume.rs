@@ -1,0 +1,96 @@
+//! The volume argument: a file or an analytic field by name.
+
+use crate::error::Result;
+use crate::geom::Up;
+use crate::scene::{Front, Member, VolumeOptions};
+use crate::volume::{Channel, Choice, Level, Region, Solid, Spacing};
+use std::path::Path;
+
+/// How a volume is to be understood.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub(in crate::cli) struct VolumeArgs {
+    /// Which side of the isovalue is solid [default: above]
+    #[arg(long, value_enum, value_name = "SIDE")]
+    pub(in crate::cli) solid: Option<Solid>,
+    /// The world axis that points up: x, y, z, -x, -y, -z [default: z]
+    #[arg(long, value_parser = parse_up, allow_hyphen_values = true, value_name = "AXIS")]
+    pub(in crate::cli) up: Option<Up>,
+    /// Distance of the samples along x, y, z in place of the file's, perhaps with a unit: mm, um, nm, A, bohr
+    #[arg(long, value_name = "X,Y,Z[UNIT]")]
+    pub(in crate::cli) spacing: Option<Spacing>,
+    /// The channel of a file that has several (OME-Zarr, OME-TIFF, ImageJ, NIfTI, NRRD, MetaImage; a component of VTI), counted from
+    /// 0, or its name
+    #[arg(long, value_name = "N|NAME")]
+    pub(in crate::cli) channel: Option<Channel>,
+    /// The time point of a file that has several, counted from 0 [default: the first]
+    #[arg(long, value_name = "N")]
+    pub(in crate::cli) timepoint: Option<usize>,
+    /// The array of a file that names several (VTI, .npz, Zarr) [default: the one that the file names, or the only one]
+    #[arg(long, value_name = "NAME")]
+    pub(in crate::cli) array: Option<String>,
+    /// The series of a folder of DICOM files that holds several, counted from 0, or its UID
+    #[arg(long, value_name = "N|UID")]
+    pub(in crate::cli) series: Option<String>,
+    /// The level of a pyramid (OME-Zarr, OME-TIFF), 0 the finest, or auto: the finest of at most 2^28 samples [default: 0]
+    #[arg(long, value_name = "N|auto")]
+    pub(in crate::cli) level: Option<Level>,
+    /// Read this box of samples only, ends not included, an empty one the first or last: 100:228,0:128,:
+    #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1")]
+    pub(in crate::cli) region: Option<Region>,
+    /// Interpolate slices that are missing between others (DICOM, folders of pictures) instead of refusing
+    #[arg(long)]
+    pub(in crate::cli) allow_gaps: bool,
+    /// Drop all parts of the solid but the largest, such as the table below a head: at the isovalue asked for, of several at
+    /// the outermost. The volume is masked before the bake, so what is dropped casts no shadow either
+    #[arg(long)]
+    pub(in crate::cli) keep_largest: bool,
+    /// Read files that lie outside the folder of the file that names them (NRRD `data file`, raw sidecars)
+    #[arg(long)]
+    pub(in crate::cli) allow_outside: bool,
+    /// Front of views and of glTF: -y of the file where z is up, or anterior [default: anatomical for NIfTI with a
+    /// transform code and for NRRD with a patient's space, else grid]
+    #[arg(long, value_enum, value_name = "FRAME")]
+    pub(in crate::cli) frame_of: Option<Front>,
+}
+
+impl VolumeArgs {
+    /// The same for the library; all shadows count.
+    pub(in crate::cli) fn options(&self) -> VolumeOptions {
+        let choice = Choice {
+            channel: self.channel.clone(),
+            timepoint: self.timepoint,
+            array: self.array.clone(),
+            series: self.series.clone(),
+            level: self.level,
+            region: self.region,
+            spacing: self.spacing,
+            allow_gaps: self.allow_gaps,
+            allow_outside: self.allow_outside,
+            any_channel: false,
+        };
+        VolumeOptions {
+            solid: self.solid,
+            up: self.up,
+            front: self.frame_of,
+            choice,
+            keep_largest: self.keep_largest,
+            ..VolumeOptions::default()
+        }
+    }
+}
+
+fn parse_up(axis: &str) -> std::result::Result<Up, String> {
+    Up::named(axis).ok_or_else(|| "give one of x, y, z, -x, -y, -z".into())
+}
+
+/// Opens a volume for a list of what a file holds: of several channels the first, where none is chosen.
+pub(in crate::cli) fn look_at(argument: &str, args: &VolumeArgs) -> Result<Member> {
+    let mut options = args.options();
+    options.choice.any_channel = true;
+    Member::open(argument, &options)
+}
+
+/// The last part of a path.
+pub(in crate::cli) fn file_name(path: &str) -> String {
+    Path::new(path).file_name().map_or_else(|| path.to_string(), |n| n.to_string_lossy().into_owned())
+}
