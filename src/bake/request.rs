@@ -21,6 +21,7 @@ use crate::volume::{Shadowing, Volume};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::Path;
+use std::str::FromStr;
 
 /// Texels and rays of the trial that the plan rests on.
 pub(super) const PILOT_TEXELS: u64 = 2000;
@@ -147,6 +148,20 @@ pub struct Share {
     pub index: usize,
     /// How many there are.
     pub of: usize,
+}
+
+impl FromStr for Share {
+    /// What to give instead.
+    type Err = String;
+
+    /// Reads a share such as 1/3.
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let numbers = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        match numbers {
+            Some((index, of)) if 1 <= index && index <= of && of <= 4096 => Ok(Share { index, of }),
+            _ => Err("give i/n with i from 1 to n, such as 1/3, and n at most 4096".into()),
+        }
+    }
 }
 
 impl<'a> Request<'a> {

@@ -5,7 +5,9 @@
 //! front is anterior, and *left* and *right* are the patient's: *left* has the camera on +x.
 
 use crate::geom::{Bounds, Up};
+use crate::scene::nearest;
 use glam::{DMat3, DVec3};
+use std::str::FromStr;
 
 /// Parallel or perspective projection.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,6 +56,28 @@ pub enum Viewpoint {
     Named(&'static str),
     /// By angles.
     At(View),
+}
+
+impl FromStr for Viewpoint {
+    /// What to give instead.
+    type Err = String;
+
+    /// Reads a name of [`VIEWS`], or AZIMUTH,ELEVATION in degrees.
+    fn from_str(name: &str) -> Result<Self, String> {
+        if let Some(name) = VIEWS.iter().find(|known| **known == name) {
+            return Ok(Viewpoint::Named(name));
+        }
+        let angles = name.split_once(',').and_then(|(a, e)| Some((a.trim().parse().ok()?, e.trim().parse().ok()?)));
+        match angles {
+            Some((azimuth, elevation)) if f64::abs(azimuth) <= 3600.0 && f64::abs(elevation) <= 90.0 => {
+                Ok(Viewpoint::At(View { azimuth, elevation }))
+            }
+            _ => Err(match nearest(name, VIEWS) {
+                Some(near) => format!("did you mean {near}?"),
+                None => format!("give one of {}, or AZIMUTH,ELEVATION in degrees", VIEWS.join(", ")),
+            }),
+        }
+    }
 }
 
 impl Viewpoint {

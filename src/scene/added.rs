@@ -5,6 +5,7 @@ use super::medium::{Body, Medium, Phase, albedo_nodes};
 use super::{Effects, Scene, distant_light};
 use crate::error::{Error, Result};
 use crate::probe::{EnvFrame, Orientation, Probe};
+use std::str::FromStr;
 
 /// Fog of constant extinction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,6 +29,51 @@ pub struct Translucent {
     pub mean_cosine: f64,
     /// Index of refraction.
     pub index: f64,
+}
+
+impl FromStr for Fog {
+    /// What to give instead.
+    type Err = String;
+
+    /// Reads extinction, albedo and mean cosine, such as 0.02,0.9,0.5.
+    fn from_str(argument: &str) -> std::result::Result<Self, String> {
+        let expected = "give the extinction per world unit, and perhaps albedo (0 to 1) and mean cosine (-1 to 1), such as 0.02,0.9,0.5";
+        let numbers: Option<Vec<f64>> = argument.split(',').map(|n| n.trim().parse().ok()).collect();
+        let (extinction, albedo, g) = match numbers.as_deref() {
+            Some(&[extinction]) => (extinction, 1.0, 0.0),
+            Some(&[extinction, albedo]) => (extinction, albedo, 0.0),
+            Some(&[extinction, albedo, g]) => (extinction, albedo, g),
+            _ => return Err(expected.into()),
+        };
+        let legal = extinction.is_finite() && extinction >= 0.0 && (0.0..=1.0).contains(&albedo) && g.abs() < 1.0;
+        if legal { Ok(Fog { extinction, albedo, mean_cosine: g }) } else { Err(expected.into()) }
+    }
+}
+
+impl FromStr for Translucent {
+    /// What to give instead.
+    type Err = String;
+
+    /// Reads extinction, albedo (or free), mean cosine and index, such as 0.1,0.95,0.5,1.4.
+    fn from_str(argument: &str) -> std::result::Result<Self, String> {
+        let expected = "give the extinction per world unit, and perhaps albedo (0 to 1, or free), mean cosine (-1 to 1) and index of \
+            refraction (1 to 10), such as 0.1,0.95,0.5,1.4";
+        let parts: Vec<&str> = argument.split(',').map(str::trim).collect();
+        let number =
+            |i: usize, otherwise: f64| parts.get(i).map_or(Ok(otherwise), |t| t.parse::<f64>().map_err(|_| expected));
+        if parts.len() > 4 {
+            return Err(expected.into());
+        }
+        let extinction = number(0, 0.0)?;
+        let albedo = if parts.get(1) == Some(&"free") { None } else { Some(number(1, FREE_ALBEDO)?) };
+        let (mean_cosine, index) = (number(2, 0.0)?, number(3, 1.0)?);
+        let legal = extinction.is_finite()
+            && extinction >= 0.0
+            && albedo.is_none_or(|a| (0.0..=1.0).contains(&a))
+            && mean_cosine.abs() < 1.0
+            && (1.0..=10.0).contains(&index);
+        if legal { Ok(Translucent { extinction, albedo, mean_cosine, index }) } else { Err(expected.into()) }
+    }
 }
 
 /// Nodes of a medium whose albedo is free, besides the one that checks them.

@@ -14,6 +14,7 @@ use crate::relight::{Contracted, LookupReport, Material, without_negative};
 use crate::render::{Camera, Picture, Projection, RenderOptions, Subject, View, radiance_along, render};
 use crate::srgb;
 use glam::{DMat3, DVec3};
+use std::str::FromStr;
 
 /// How a surface is pictured.
 #[derive(Clone, Debug, PartialEq)]
@@ -83,6 +84,28 @@ pub enum Background {
     Colour([f32; 4]),
     /// The environment that lights it.
     Environment,
+}
+
+impl FromStr for Background {
+    /// What to give instead.
+    type Err = String;
+
+    /// Reads white, black, transparent, environment, or #rrggbb (sRGB).
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let hex =
+            |i: usize| text.get(i..i + 2).and_then(|h| u8::from_str_radix(h, 16).ok()).map(srgb::linear_from_byte);
+        let colour = match text {
+            "environment" => return Ok(Background::Environment),
+            "white" => [1.0; 4],
+            "black" => [0.0, 0.0, 0.0, 1.0],
+            "transparent" => [0.0; 4],
+            _ => match (text.len(), text.starts_with('#'), hex(1), hex(3), hex(5)) {
+                (7, true, Some(r), Some(g), Some(b)) => [r, g, b, 1.0],
+                _ => return Err("give white, black, transparent, environment, or #rrggbb".into()),
+            },
+        };
+        Ok(Background::Colour(colour))
+    }
 }
 
 impl Background {

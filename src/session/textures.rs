@@ -7,6 +7,7 @@ use crate::scene::medium::node_factors;
 use crate::scene::nearest;
 use crate::transfer::store::{BodyIdentity, Store};
 use crate::transfer::{Group, Layers, MAX_LAYERS};
+use std::str::FromStr;
 
 /// A factor on the power of a luminaire.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,6 +16,27 @@ pub struct LuminaireFactor {
     pub luminaire: String,
     /// Red, green, blue; finite, not negative. 0 switches it off.
     pub factor: [f64; 3],
+}
+
+impl FromStr for LuminaireFactor {
+    /// What to give instead.
+    type Err = String;
+
+    /// Reads NAME=FACTOR or NAME=R,G,B.
+    fn from_str(argument: &str) -> std::result::Result<Self, String> {
+        let expected = "give the name of a luminaire and a factor, such as ceiling=2 or ceiling=1,0.8,0.6";
+        let (name, numbers) = argument.split_once('=').ok_or(expected)?;
+        let numbers: Option<Vec<f64>> = numbers.split(',').map(|n| n.trim().parse().ok()).collect();
+        let factor = match numbers.as_deref() {
+            Some(&[one]) => [one; 3],
+            Some(&[r, g, b]) => [r, g, b],
+            _ => return Err(expected.into()),
+        };
+        if name.is_empty() || !factor.iter().all(|f| f.is_finite() && *f >= 0.0) {
+            return Err("factors are finite and not negative; 0 switches a luminaire off".into());
+        }
+        Ok(LuminaireFactor { luminaire: name.into(), factor })
+    }
 }
 
 /// The factor on a luminaire: that given last.

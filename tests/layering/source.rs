@@ -232,7 +232,7 @@ impl File {
         at + 1
     }
 
-    /// Names of the items that are `pub(crate)` or `pub(super)` (`restricted`), or plainly `pub`.
+    /// Names of the items that are `pub(crate)`, `pub(super)` or `pub(in …)` (`restricted`), or plainly `pub`.
     pub fn items(&self, restricted: bool) -> impl Iterator<Item = &str> {
         let mut names = Vec::new();
         for start in 0..self.tokens.len() {
@@ -240,7 +240,8 @@ impl File {
             if text(0) != "pub" || (text(1) == "(") != restricted {
                 continue;
             }
-            let mut at = if restricted { 4 } else { 1 };
+            // After the bracket: `pub(in a::b)` is longer than `pub(crate)`.
+            let mut at = if restricted { (2..16).find(|&i| text(i) == ")").map_or(4, |end| end + 1) } else { 1 };
             while ["const", "async", "unsafe", "extern", "\"\""].contains(&text(at)) && text(at + 1) != ":" {
                 at += 1;
                 if text(at - 1) == "const" && text(at + 1) == ":" {

@@ -24,7 +24,7 @@ pub(in crate::cli) struct LightArgs {
     #[arg(long, value_name = "auto|off|N", num_args = 0..=1, default_missing_value = "auto", value_parser = parse_split)]
     pub(in crate::cli) sun_split: Option<SunSplit>,
     /// Factor on the power of a luminaire of a scene, one number or three for red, green and blue, such as ceiling=2
-    #[arg(long = "luminaire", value_name = "NAME=FACTOR", value_parser = parse_factor)]
+    #[arg(long = "luminaire", value_name = "NAME=FACTOR")]
     pub(in crate::cli) luminaires: Vec<LuminaireFactor>,
     /// Cut the light to this many bands [default: those of the store]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=crate::sh::MAX_BANDS as i64))]
@@ -70,22 +70,6 @@ pub(in crate::cli) fn by_option(error: Error) -> Error {
         other => (other, given, remedy),
     };
     Error::argument(option, given, expected, remedy)
-}
-
-/// Reads NAME=FACTOR or NAME=R,G,B.
-pub(in crate::cli) fn parse_factor(argument: &str) -> Result<LuminaireFactor, String> {
-    let expected = "give the name of a luminaire and a factor, such as ceiling=2 or ceiling=1,0.8,0.6";
-    let (name, numbers) = argument.split_once('=').ok_or(expected)?;
-    let numbers: Option<Vec<f64>> = numbers.split(',').map(|n| n.trim().parse().ok()).collect();
-    let factor = match numbers.as_deref() {
-        Some(&[one]) => [one; 3],
-        Some(&[r, g, b]) => [r, g, b],
-        _ => return Err(expected.into()),
-    };
-    if name.is_empty() || !factor.iter().all(|f| f.is_finite() && *f >= 0.0) {
-        return Err("factors are finite and not negative; 0 switches a luminaire off".into());
-    }
-    Ok(LuminaireFactor { luminaire: name.into(), factor })
 }
 
 /// What the surface is made of.

@@ -1,10 +1,8 @@
 //! Pictures as options.
 
-use crate::cli::present::text;
 use crate::geom::Up;
-use crate::render::{Projection, VIEWS, View, Viewpoint};
+use crate::render::{Projection, Viewpoint};
 use crate::session::{Background, Framing, PictureOptions, Tone, Turntable};
-use crate::srgb;
 use clap::ValueEnum;
 
 /// From where a surface is seen.
@@ -12,7 +10,7 @@ use clap::ValueEnum;
 pub(in crate::cli) struct ViewArgs {
     /// Camera: front, back, left, right, top, bottom, iso, or AZIMUTH,ELEVATION in degrees, counter-clockwise from
     /// the front. Of a patient the front is anterior, left and right are the patient's, iso is from the front left
-    #[arg(long, default_value = "iso", value_name = "VIEW", value_parser = parse_view, allow_hyphen_values = true)]
+    #[arg(long, default_value = "iso", value_name = "VIEW", allow_hyphen_values = true)]
     pub(in crate::cli) view: Viewpoint,
     /// Perspective with this vertical field of view in degrees [default: parallel; 35 if no number is given]
     #[arg(long, value_name = "FOV", num_args = 0..=1, default_missing_value = "35", value_parser = parse_field_of_view)]
@@ -28,7 +26,7 @@ pub(in crate::cli) struct PictureArgs {
     #[command(flatten)]
     pub(in crate::cli) seen: ViewArgs,
     /// Behind the surface: white, black, transparent, environment, or #rrggbb (sRGB)
-    #[arg(long, default_value = "#2c3036", value_name = "COLOUR", value_parser = parse_background)]
+    #[arg(long, default_value = "#2c3036", value_name = "COLOUR")]
     pub(in crate::cli) background: Background,
     /// What the camera has in view: the surface, or the whole box of the volume, so that pictures of several isovalues
     /// stay in register
@@ -77,22 +75,6 @@ pub(in crate::cli) enum Frame {
     Box,
 }
 
-fn parse_view(name: &str) -> Result<Viewpoint, String> {
-    if let Some(name) = VIEWS.iter().find(|known| **known == name) {
-        return Ok(Viewpoint::Named(name));
-    }
-    let angles = name.split_once(',').and_then(|(a, e)| Some((a.trim().parse().ok()?, e.trim().parse().ok()?)));
-    match angles {
-        Some((azimuth, elevation)) if f64::abs(azimuth) <= 3600.0 && f64::abs(elevation) <= 90.0 => {
-            Ok(Viewpoint::At(View { azimuth, elevation }))
-        }
-        _ => Err(match text::nearest(name, VIEWS) {
-            Some(near) => format!("did you mean {near}?"),
-            None => format!("give one of {}, or AZIMUTH,ELEVATION in degrees", VIEWS.join(", ")),
-        }),
-    }
-}
-
 fn parse_field_of_view(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(degrees) if (1.0..=150.0).contains(&degrees) => Ok(degrees),
@@ -106,22 +88,6 @@ fn parse_size(text: &str) -> Result<(usize, usize), String> {
         Some((w, h)) if (1..=16384).contains(&w) && (1..=16384).contains(&h) => Ok((w, h)),
         _ => Err("give a size such as 960x720, sides from 1 to 16384".into()),
     }
-}
-
-/// A colour as linear RGB and alpha, or the environment.
-fn parse_background(text: &str) -> Result<Background, String> {
-    let hex = |i: usize| text.get(i..i + 2).and_then(|h| u8::from_str_radix(h, 16).ok()).map(srgb::linear_from_byte);
-    let colour = match text {
-        "environment" => return Ok(Background::Environment),
-        "white" => [1.0; 4],
-        "black" => [0.0, 0.0, 0.0, 1.0],
-        "transparent" => [0.0; 4],
-        _ => match (text.len(), text.starts_with('#'), hex(1), hex(3), hex(5)) {
-            (7, true, Some(r), Some(g), Some(b)) => [r, g, b, 1.0],
-            _ => return Err("give white, black, transparent, environment, or #rrggbb".into()),
-        },
-    };
-    Ok(Background::Colour(colour))
 }
 
 impl ViewArgs {

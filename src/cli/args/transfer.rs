@@ -1,6 +1,6 @@
 //! What a bake computes, as options: shared by `plan`, `bake` and the lazy bake of `relight`.
 
-use crate::bake::{Estimator, Quality, Share};
+use crate::bake::{Estimator, Quality};
 use crate::cli::args::isovalue::Isovalue;
 use crate::cli::args::volume::VolumeArgs;
 use crate::error::{Error, Result};
@@ -29,7 +29,7 @@ pub(in crate::cli) struct TransferArgs {
     pub(in crate::cli) positive: bool,
     /// Bake a texture of this resolution, for all isovalues: a ratio to the data such as 0.5, 1 or 2, or 128x128x96
     /// [default: isovalues that are named are baked at the vertices of their surfaces; else 1]
-    #[arg(long, value_name = "RATIO|XxYxZ", value_parser = parse_texture)]
+    #[arg(long, value_name = "RATIO|XxYxZ")]
     pub(in crate::cli) texture: Option<TextureSize>,
     /// Switch effects of the plan on or off by hand, such as -interreflection or +shadowing,-emission (see `isolume plan`)
     #[arg(long, value_name = "+NAME|-NAME[,…]", value_delimiter = ',', allow_hyphen_values = true,
@@ -37,50 +37,15 @@ pub(in crate::cli) struct TransferArgs {
     pub(in crate::cli) effects: Vec<EffectSwitch>,
     /// Fill the box of the volume, outside the solid, with fog of this extinction per world unit, albedo [1] and mean cosine of its
     /// scattering [0], such as 0.02,0.9,0.5
-    #[arg(long, value_name = "SIGMA[,ALBEDO[,G]]", value_parser = parse_fog, allow_hyphen_values = true)]
+    #[arg(long, value_name = "SIGMA[,ALBEDO[,G]]", allow_hyphen_values = true)]
     pub(in crate::cli) fog: Option<Fog>,
     /// Let light through the solid: extinction per world unit, albedo of its medium (or free, for relight --medium-albedo), mean cosine
     /// of its scattering [0] and index of refraction [1], such as 0.1,0.95,0.5,1.4
-    #[arg(long, value_name = "SIGMA[,ALBEDO|free[,G[,INDEX]]]", value_parser = parse_translucent, allow_hyphen_values = true)]
+    #[arg(long, value_name = "SIGMA[,ALBEDO|free[,G[,INDEX]]]", allow_hyphen_values = true)]
     pub(in crate::cli) translucent: Option<Translucent>,
     /// Refuse to use more memory, such as 2GB [default: 80 % of what machine, ulimit -v and control group allow]
     #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
     pub(in crate::cli) memory_limit: Option<u64>,
-}
-
-/// Reads extinction, albedo and mean cosine.
-pub(in crate::cli) fn parse_fog(argument: &str) -> std::result::Result<Fog, String> {
-    let expected = "give the extinction per world unit, and perhaps albedo (0 to 1) and mean cosine (-1 to 1), such as 0.02,0.9,0.5";
-    let numbers: Option<Vec<f64>> = argument.split(',').map(|n| n.trim().parse().ok()).collect();
-    let (extinction, albedo, g) = match numbers.as_deref() {
-        Some(&[extinction]) => (extinction, 1.0, 0.0),
-        Some(&[extinction, albedo]) => (extinction, albedo, 0.0),
-        Some(&[extinction, albedo, g]) => (extinction, albedo, g),
-        _ => return Err(expected.into()),
-    };
-    let legal = extinction.is_finite() && extinction >= 0.0 && (0.0..=1.0).contains(&albedo) && g.abs() < 1.0;
-    if legal { Ok(Fog { extinction, albedo, mean_cosine: g }) } else { Err(expected.into()) }
-}
-
-/// Reads extinction, albedo, mean cosine and index.
-pub(in crate::cli) fn parse_translucent(argument: &str) -> std::result::Result<Translucent, String> {
-    let expected = "give the extinction per world unit, and perhaps albedo (0 to 1, or free), mean cosine (-1 to 1) and index of \
-        refraction (1 to 10), such as 0.1,0.95,0.5,1.4";
-    let parts: Vec<&str> = argument.split(',').map(str::trim).collect();
-    let number =
-        |i: usize, otherwise: f64| parts.get(i).map_or(Ok(otherwise), |t| t.parse::<f64>().map_err(|_| expected));
-    if parts.len() > 4 {
-        return Err(expected.into());
-    }
-    let extinction = number(0, 0.0)?;
-    let albedo = if parts.get(1) == Some(&"free") { None } else { Some(number(1, 0.95)?) };
-    let (mean_cosine, index) = (number(2, 0.0)?, number(3, 1.0)?);
-    let legal = extinction.is_finite()
-        && extinction >= 0.0
-        && albedo.is_none_or(|a| (0.0..=1.0).contains(&a))
-        && mean_cosine.abs() < 1.0
-        && (1.0..=10.0).contains(&index);
-    if legal { Ok(Translucent { extinction, albedo, mean_cosine, index }) } else { Err(expected.into()) }
 }
 
 /// A whole bake.
@@ -119,21 +84,6 @@ fn parse_error(text: &str) -> std::result::Result<f32, String> {
     match number.trim().parse::<f64>().map(|n| (n / unit) as f32) {
         Ok(error) if error > 0.0 && error < 1.0 => Ok(error),
         _ => Err("give a standard error between 0 and 1, such as 0.02 or 2%".into()),
-    }
-}
-
-pub(in crate::cli) fn parse_texture(text: &str) -> std::result::Result<TextureSize, String> {
-    if let Ok(ratio) = text.parse::<f64>() {
-        return if ratio > 0.0 && ratio <= 16.0 {
-            Ok(TextureSize::Ratio(ratio))
-        } else {
-            Err("give a ratio above 0 and up to 16".into())
-        };
-    }
-    let texels: Option<Vec<u64>> = text.split('x').map(|n| n.parse().ok()).collect();
-    match texels.as_deref() {
-        Some(&[x, y, z]) => Ok(TextureSize::Texels([x, y, z])),
-        _ => Err("give a ratio such as 0.5, or a resolution such as 128x128x96".into()),
     }
 }
 
@@ -176,15 +126,6 @@ impl BakeArgs {
     /// What is asked of the library.
     pub(in crate::cli) fn quality(&self, seed: u64) -> Quality {
         Quality { estimator: self.estimator, ..self.transfer.quality(&self.bands, seed) }
-    }
-}
-
-/// Reads a share such as 1/3.
-pub(in crate::cli) fn parse_share(text: &str) -> std::result::Result<Share, String> {
-    let numbers = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
-    match numbers {
-        Some((index, of)) if 1 <= index && index <= of && of <= 4096 => Ok(Share { index, of }),
-        _ => Err("give i/n with i from 1 to n, such as 1/3, and n at most 4096".into()),
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::bake::{Estimator, ForLight, Hints, Quality, Share, Writing};
 use crate::cache::for_light;
 use crate::cli::args::isovalue::tell;
-use crate::cli::args::transfer::{BakeArgs, parse_share, parse_texel, parse_time};
+use crate::cli::args::transfer::{BakeArgs, parse_texel, parse_time};
 use crate::cli::args::volume::{VolumeArgs, file_name};
 use crate::cli::commands::pack;
 use crate::cli::failure::{Failure, Outcome};
@@ -76,7 +76,7 @@ pub(in crate::cli) struct Bake {
     /// Bake only share i of n: chunks, or octants of them, dealt by their texels, largest first to the share with the least so far; what a
     /// share holds follows from the other options alone. Several processes may fill one store so, or each its own for merge; see also
     /// isolume cluster
-    #[arg(long, value_name = "I/N", value_parser = parse_share)]
+    #[arg(long, value_name = "I/N")]
     chunks: Option<Share>,
     #[command(flatten)]
     volume: VolumeArgs,
@@ -108,7 +108,7 @@ pub(in crate::cli) struct Bake {
 struct Compress(Option<PackError>);
 
 fn parse_compress(word: &str) -> Result<Compress, String> {
-    if word == "none" { Ok(Compress(None)) } else { pack::parse_pack_error(word).map(|e| Compress(Some(e))) }
+    if word == "none" { Ok(Compress(None)) } else { word.parse().map(|e| Compress(Some(e))) }
 }
 
 impl Bake {

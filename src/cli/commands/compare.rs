@@ -2,7 +2,7 @@
 
 use crate::cli::args::comparison::PictureOutput;
 use crate::cli::args::isovalue::{NamedIsovalue, parse_named};
-use crate::cli::args::light::{parse_factor, parse_triple};
+use crate::cli::args::light::parse_triple;
 use crate::cli::args::photons::PhotonArgs;
 use crate::cli::failure::Outcome;
 use crate::cli::present::console::Console;
@@ -67,10 +67,10 @@ pub(in crate::cli) struct Compare {
     #[arg(long, value_name = "PROBE", conflicts_with = "scene")]
     fixed_env: Option<String>,
     /// The fog that the store was baked with (bake --fog)
-    #[arg(long, value_name = "SIGMA[,ALBEDO[,G]]", value_parser = crate::cli::args::transfer::parse_fog, conflicts_with = "scene")]
+    #[arg(long, value_name = "SIGMA[,ALBEDO[,G]]", conflicts_with = "scene")]
     fog: Option<Fog>,
     /// Factor on the power of a luminaire, one number or three for red, green and blue, such as ceiling=2
-    #[arg(long = "luminaire", value_name = "NAME=FACTOR", value_parser = parse_factor)]
+    #[arg(long = "luminaire", value_name = "NAME=FACTOR")]
     luminaires: Vec<LuminaireFactor>,
     /// Compare only this one of several volumes baked together; isovalues are then its own
     #[arg(long = "volume", value_name = "NAME")]

@@ -27,7 +27,7 @@ pub(in crate::cli) struct Pack {
     #[arg(short, long, value_name = "Y.isolume")]
     output: PathBuf,
     /// Root mean square of the error of the transfer over the transfer, such as 0.5%; auto is half of its noise
-    #[arg(long, value_name = "E", value_parser = parse_pack_error, default_value = "auto")]
+    #[arg(long, value_name = "E", default_value = "auto")]
     error: PackError,
     /// Do not wait until the disk has what is written
     #[arg(long)]
@@ -44,18 +44,6 @@ impl Pack {
         console.detail(table(&report));
         console.print_json(&report.to_json(&file_name(&self.output.display().to_string()), sizes));
         Ok(())
-    }
-}
-
-/// Reads auto, or a share such as 0.5%.
-pub(in crate::cli) fn parse_pack_error(word: &str) -> std::result::Result<PackError, String> {
-    if word == "auto" {
-        return Ok(PackError::HalfOfNoise);
-    }
-    let (number, unit) = word.strip_suffix('%').map_or((word, 1.0), |number| (number, 100.0));
-    match number.trim().parse::<f64>() {
-        Ok(value) if value > 0.0 && value < unit => Ok(PackError::Relative(value / unit)),
-        _ => Err("give auto, or a share above 0 and below 100 % such as 0.5%".into()),
     }
 }
 

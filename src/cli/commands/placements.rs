@@ -3,7 +3,7 @@
 use crate::bake::lattice_of;
 use crate::cli::args::isovalue::Isovalue;
 use crate::cli::args::light::{Triple, parse_triple};
-use crate::cli::args::transfer::{parse_bytes, parse_rays, parse_texture};
+use crate::cli::args::transfer::{parse_bytes, parse_rays};
 use crate::cli::args::volume;
 use crate::cli::args::volume::VolumeArgs;
 use crate::cli::failure::{Failure, Outcome};
@@ -43,7 +43,7 @@ pub(in crate::cli) struct PlacementsArgs {
     #[arg(long, value_name = "RHO|R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
     albedo: Option<Triple>,
     /// Texture: a ratio to the volume's resolution, or texels
-    #[arg(long, value_name = "RATIO|XxYxZ", default_value = "100x100x100", value_parser = parse_texture)]
+    #[arg(long, value_name = "RATIO|XxYxZ", default_value = "100x100x100")]
     texture: TextureSize,
     /// Numbers of samples
     #[arg(long, value_name = "N[,N…]", value_delimiter = ',', default_value = "10000,100000,1000000",

@@ -114,29 +114,14 @@ impl Console {
         }
     }
 
-    /// Runs `work` while a bar shows how far `progress` has come of so many texels or photons; on a terminal only. The second
-    /// interrupt by the user cancels `progress`.
-    pub(in crate::cli) fn watch<T>(&self, what: &str, items: u64, progress: &Progress, work: impl FnOnce() -> T) -> T {
-        self.watch_until(2, what, items, progress, work)
-    }
-
-    /// As [`Console::watch`], for work that an interrupt loses nothing of: the first one cancels it.
-    pub(in crate::cli) fn watch_first<T>(
-        &self,
-        what: &str,
-        items: u64,
-        progress: &Progress,
-        work: impl FnOnce() -> T,
-    ) -> T {
-        self.watch_until(1, what, items, progress, work)
-    }
-
     /// Guards the work that follows against requests to stop.
     pub(in crate::cli) fn guard(&self) -> signals::Guard {
         signals::Guard::new(self.quiet)
     }
 
-    fn watch_until<T>(
+    /// Runs `work` while a bar shows how far `progress` has come of so many texels or photons; on a terminal only. So many
+    /// interrupts by the user cancel `progress`: two, or one where nothing is lost.
+    pub(in crate::cli) fn watch<T>(
         &self,
         most_interrupts: u32,
         what: &str,

@@ -80,8 +80,8 @@ impl Observer for Watcher<'_> {
     fn watch(&self, task: Task, items: u64, progress: &Progress, work: &mut dyn FnMut()) {
         match task {
             // A request to stop loses nothing of photons but the time they took: the first one ends them.
-            Task::Photons => self.console.watch_first("photons", items, progress, work),
-            _ => self.console.watch("bake", items, progress, work),
+            Task::Photons => self.console.watch(1, "photons", items, progress, work),
+            _ => self.console.watch(2, "bake", items, progress, work),
         }
     }
 }

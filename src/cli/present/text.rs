@@ -1,7 +1,6 @@
 //! Tables and lines as people read them.
 
 pub(in crate::cli) use crate::quantity::{bytes, count, duration, metric, number, percent, rate};
-pub(in crate::cli) use crate::scene::nearest;
 
 /// Cells of a row of a table.
 pub(in crate::cli) fn row<'a>(cells: impl IntoIterator<Item = &'a str>) -> Vec<String> {

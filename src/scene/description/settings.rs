@@ -5,6 +5,7 @@ use super::read::Item;
 use crate::error::Result;
 use crate::scene::{MOST_SUNS, SunSplit};
 use crate::sh::MAX_BANDS;
+use std::str::FromStr;
 
 /// Most layers; the limit of [`crate::transfer::Layers`], which scenes come before.
 const MOST_LAYERS: u64 = 16;
@@ -18,6 +19,27 @@ pub enum TextureSize {
     Ratio(f64),
     /// Texels along x, y, z.
     Texels([u64; 3]),
+}
+
+impl FromStr for TextureSize {
+    /// What to give instead.
+    type Err = String;
+
+    /// Reads a ratio such as 0.5, or texels such as 128x128x96.
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        if let Ok(ratio) = text.parse::<f64>() {
+            return if ratio > 0.0 && ratio <= 16.0 {
+                Ok(Self::Ratio(ratio))
+            } else {
+                Err("give a ratio above 0 and up to 16".into())
+            };
+        }
+        let texels: Option<Vec<u64>> = text.split('x').map(|n| n.parse().ok()).collect();
+        match texels.as_deref() {
+            Some(&[x, y, z]) => Ok(Self::Texels([x, y, z])),
+            _ => Err("give a ratio such as 0.5, or a resolution such as 128x128x96".into()),
+        }
+    }
 }
 
 /// How transfer is computed; `None` where the file does not say.

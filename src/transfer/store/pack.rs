@@ -18,6 +18,7 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::str::FromStr;
 
 /// Chunks that the step is found on; the error is then measured on all.
 const SAMPLED: usize = 24;
@@ -35,6 +36,23 @@ pub enum PackError {
     HalfOfNoise,
     /// Root mean square of the error of transfer over that of transfer, layers weighted as at the albedo 0.7.
     Relative(f64),
+}
+
+impl FromStr for PackError {
+    /// What to give instead.
+    type Err = String;
+
+    /// Reads auto, or a share such as 0.5%.
+    fn from_str(word: &str) -> std::result::Result<Self, String> {
+        if word == "auto" {
+            return Ok(PackError::HalfOfNoise);
+        }
+        let (number, unit) = word.strip_suffix('%').map_or((word, 1.0), |number| (number, 100.0));
+        match number.trim().parse::<f64>() {
+            Ok(value) if value > 0.0 && value < unit => Ok(PackError::Relative(value / unit)),
+            _ => Err("give auto, or a share above 0 and below 100 % such as 0.5%".into()),
+        }
+    }
 }
 
 /// A group that was packed.
