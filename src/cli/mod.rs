@@ -1,5 +1,5 @@
-//! The command line: flags, progress, printing, threads, the clock, and the only code that decides which
-//! paths are opened. It uses the library through its public interface.
+//! The command line: options ([`args`]), commands ([`commands`]) and what is printed ([`present`]). It uses the library through
+//! its public interface, and alone reads the clock, starts threads and finds the folder of the cache.
 //!
 //! Results go to standard output, progress and notes to standard error. Exit code 0: done; 2: the command
 //! line was wrong; 1: anything else, with one line `error: …`; 128 + n: stopped by signal n, in a state that the same

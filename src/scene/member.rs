@@ -4,6 +4,7 @@ use super::geometry::Geometry;
 use super::model::{self, ModelName};
 use super::{Coupled, Coupling, MOST_ISOVALUES, SceneFile, nearest};
 use crate::error::{Error, Result};
+use crate::file::file_name;
 use crate::geom::Up;
 use crate::volume::isovalue::{Chosen, number};
 use crate::volume::{Choice, Isovalue, Note, ReadHint, Shadowing, Solid, Volume, field, open_with};
@@ -437,11 +438,6 @@ pub(super) fn nearest_beside(name: &str, wanted: impl Fn(&str) -> bool) -> Optio
     let beside: Vec<String> = beside.filter(|name| wanted(name)).collect();
     let near = nearest(&file_name(name), beside.iter().map(String::as_str))?;
     Some(path.with_file_name(near).display().to_string())
-}
-
-/// The last part of a path.
-pub(super) fn file_name(path: &str) -> String {
-    Path::new(path).file_name().map_or_else(|| path.to_string(), |n| n.to_string_lossy().into_owned())
 }
 
 #[cfg(test)]

@@ -4,7 +4,6 @@ use crate::error::Result;
 use crate::geom::Up;
 use crate::scene::{Front, Member, VolumeOptions};
 use crate::volume::{Channel, Choice, Level, Region, Solid, Spacing};
-use std::path::Path;
 
 /// How a volume is to be understood.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -88,9 +87,4 @@ pub(in crate::cli) fn look_at(argument: &str, args: &VolumeArgs) -> Result<Membe
     let mut options = args.options();
     options.choice.any_channel = true;
     Member::open(argument, &options)
-}
-
-/// The last part of a path.
-pub(in crate::cli) fn file_name(path: &str) -> String {
-    Path::new(path).file_name().map_or_else(|| path.to_string(), |n| n.to_string_lossy().into_owned())
 }

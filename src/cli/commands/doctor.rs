@@ -1,10 +1,11 @@
 //! `isolume doctor`: what is unusual about a file and what this program does about it.
 
 use crate::cli::args::isovalue::Isovalue;
-use crate::cli::args::volume::{VolumeArgs, file_name};
+use crate::cli::args::volume::VolumeArgs;
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::present::console::Console;
 use crate::cli::present::text;
+use crate::file::file_name;
 use crate::finding::Finding;
 use crate::inspect::{Diagnosed, Looked};
 use crate::probe::Layout;

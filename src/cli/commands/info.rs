@@ -2,12 +2,13 @@
 
 use crate::cli::args::isovalue::Chosen;
 use crate::cli::args::volume;
-use crate::cli::args::volume::{VolumeArgs, file_name};
+use crate::cli::args::volume::VolumeArgs;
 use crate::cli::commands::watch::follow;
 use crate::cli::failure::Outcome;
 use crate::cli::present::console::Console;
 use crate::cli::present::text;
 use crate::error::Error;
+use crate::file::file_name;
 use crate::inspect::{StoreFacts, VolumeFacts, solid_text};
 use crate::transfer::store::is_store;
 use crate::volume::{Series, Volume};

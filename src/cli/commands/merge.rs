@@ -1,10 +1,10 @@
 //! `isolume merge`: puts together what was baked apart.
 
-use crate::cli::args::volume::file_name;
 use crate::cli::failure::Outcome;
 use crate::cli::present::console::Console;
 use crate::cli::present::text;
 use crate::error::Error;
+use crate::file::{file_name, size_on_disk};
 use crate::transfer::store::{Store, StoreOptions};
 use serde_json::json;
 use std::path::PathBuf;
@@ -42,7 +42,7 @@ impl Merge {
             rows.push(vec![name.clone(), report.taken.to_string(), report.kept.to_string()]);
             json_rows.push(json!({ "store": file_name(&name), "taken": report.taken, "kept": report.kept }));
         }
-        let bytes = crate::file::size_on_disk(&self.output);
+        let bytes = size_on_disk(&self.output);
         console.summary(text::file_line(&self.output, &text::bytes(bytes as f64)));
         console.detail(text::table(&rows));
         console.print_json(&json!({ "stores": json_rows, "store_bytes": bytes }));

@@ -1,11 +1,10 @@
 //! `isolume pack`: a store in a fraction of the space, with an error that is stated.
 
-use crate::cli::args::volume::file_name;
 use crate::cli::failure::Outcome;
 use crate::cli::present::console::Console;
 use crate::cli::present::text;
 use crate::error::Result;
-use crate::file::size_on_disk;
+use crate::file::{file_name, size_on_disk};
 use crate::transfer::store::{PackError, PackReport, PackedGroup, Store, StoreOptions};
 use std::path::PathBuf;
 

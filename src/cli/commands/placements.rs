@@ -4,13 +4,13 @@ use crate::bake::lattice_of;
 use crate::cli::args::isovalue::Isovalue;
 use crate::cli::args::light::{Triple, parse_triple};
 use crate::cli::args::transfer::{parse_bytes, parse_rays};
-use crate::cli::args::volume;
 use crate::cli::args::volume::VolumeArgs;
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::present::console::Console;
 use crate::cli::present::lent::clock;
 use crate::cli::present::text;
 use crate::export::target;
+use crate::file::file_name;
 use crate::memory;
 use crate::probe::{Orientation, Probe};
 use crate::scene::{DARK, Effects, Scene, SceneFile, TextureSize, open_probe};
@@ -120,7 +120,7 @@ impl PlacementsArgs {
             seed,
         };
         let found = sweep.run(&clock(), &|text| console.note(text))?;
-        let name = volume::file_name(&self.input);
+        let name = file_name(&self.input);
         found.write(&folder, &name)?;
         console.print(table(&found.rows));
         console.print(format!("\n{}", sweep.legend(&found.reference)));
