@@ -75,7 +75,7 @@ struct Outcome {
 fn judge(i: u64, basis_of: &[Vec<f64>]) -> isolume::Result<Outcome> {
     let bands = 1 + (i % MAX_BANDS as u64) as usize;
     let channels = sky(i, bands)?;
-    let prepared = prepare(&channels, &channels, &Layers::uniform(1, bands)?, Window::Certified)?;
+    let prepared = prepare(&channels, &Layers::uniform(1, bands)?, Window::Certified)?;
     let window = &prepared.windows[0];
     let light = prepared.light.coefficients(0);
     let (mut least, mut finite) = (f64::INFINITY, window.factors.iter().all(|f| f.is_finite()));

@@ -12,8 +12,8 @@ use glam::Vec3;
 use isolume::geom::{Frame, Normal};
 use isolume::level::{Counts, LevelField, Outcome, Pyramid, Start};
 use isolume::probe::{self, LatLong, Orientation, Probe, SunOptions, split_sun};
-use isolume::relight::{Light, Material, Textures, contract, prepare};
-use isolume::render::{SunLight, sun_visibility};
+use isolume::relight::{Light, Material, Textures, TriangleIndex, TriangleOrder, contract, prepare};
+use isolume::render::{SunLight, SunLit, Surroundings, sun_visibility};
 use isolume::sampling::{DirectionalSource, PathSampler, warp};
 use isolume::sh::Window;
 use isolume::surface::{Mesh, extract_with_normals};
@@ -35,6 +35,8 @@ struct Scene {
     selection: Selection,
     direct: MemoryTexture,
     all: MemoryTexture,
+    // All of it, and some of its vertices.
+    whole: Mesh,
     mesh: Mesh,
 }
 
@@ -78,11 +80,12 @@ impl Scene {
             field.normal(&field.locate(p.map(f64::from))).map_or([0.0; 3], |n| n.vec().to_array())
         };
         let mut mesh = extract_with_normals(&volume, isovalue, &normal_at)?;
+        let whole = mesh.clone();
         let stride = (mesh.positions_in_grid.len() / vertices.max(1)).max(1);
         mesh.positions_in_grid = mesh.positions_in_grid.into_iter().step_by(stride).collect();
         mesh.normals = mesh.normals.into_iter().step_by(stride).collect();
         mesh.triangles.clear();
-        Ok(Self { volume, pyramid, isovalue, selection, direct, all, mesh })
+        Ok(Self { volume, pyramid, isovalue, selection, direct, all, whole, mesh })
     }
 
     fn relit(&self, texture: &MemoryTexture, light: &Light, suns: &[SunLight]) -> isolume::Result<Vec<f64>> {
@@ -93,6 +96,15 @@ impl Scene {
             let (positions, normals) = (&self.mesh.positions_in_grid, &self.mesh.normals);
             let visible = sun_visibility(&self.volume, &self.pyramid, self.isovalue, positions, normals, sun);
             lit.add_sun(&visible.lit, sun.flux, &material);
+        }
+        if texture.layout().layers.len() > 1 && !suns.is_empty() {
+            let (volume, pyramid, isovalue) = (&self.volume, &self.pyramid, self.isovalue);
+            let order = TriangleOrder::new(&self.whole);
+            let triangles = &TriangleIndex::new(&self.whole, &order);
+            let surface = Surroundings { volume, pyramid, isovalue, mesh: &self.whole, triangles };
+            let of_suns = SunLit::new(surface, suns, material.albedo, true);
+            let (positions, normals) = (&self.mesh.positions_in_grid, &self.mesh.normals);
+            lit.add(&of_suns.reflected(positions, normals, contracted.noise.mean_radiance).radiance);
         }
         Ok(lit.radiance.iter().map(|v| f64::from(v[1])).collect())
     }
@@ -188,9 +200,9 @@ fn row(scene: &Scene, name: &str, probe: &Probe, rays: u32) -> isolume::Result<(
     let whole = probe.coefficients_in_world(5, orientation);
     let rest = split.rest.coefficients_in_world(5, orientation);
     let layers = Layers::uniform(4, 5)?;
-    let plain = prepare(&whole, &whole, &layers, Window::None)?.light;
-    let apart = prepare(&rest, &whole, &layers, Window::None)?.light;
-    let certified = prepare(&rest, &whole, &layers, Window::Certified)?.light;
+    let plain = prepare(&whole, &layers, Window::None)?.light;
+    let apart = prepare(&rest, &layers, Window::None)?.light;
+    let certified = prepare(&rest, &layers, Window::Certified)?.light;
     let suns: Vec<SunLight> = split.suns.iter().map(|s| SunLight::new(&s.sun, orientation, SUN_RAYS)).collect();
     let error = |texture, light, suns: &[SunLight], column: usize| {
         Ok::<f64, isolume::Error>(percent(&scene.relit(texture, light, suns)?, reference.iter().map(|r| r[column])))

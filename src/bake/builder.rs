@@ -195,7 +195,7 @@ mod tests {
             name: "white".into(),
             name_in_store: "white".into(),
             light: [1; 3].map(crate::sh::Coefficients::zero),
-            direct: None,
+            rest: None,
             albedo,
         };
         for (name, bake) in [

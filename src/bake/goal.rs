@@ -19,8 +19,8 @@ pub struct ForLight {
     pub name_in_store: String,
     /// Red, green and blue in world axes.
     pub light: [Coefficients; 3],
-    /// What light that was not reflected yet sees of it, where lamps are lit apart; all of it, if `None`.
-    pub direct: Option<[Coefficients; 3]>,
+    /// What is left of it where lamps are lit apart, by rays and paths and not by transfer; all of it, if `None`.
+    pub rest: Option<[Coefficients; 3]>,
     /// Albedo of the surface under it.
     pub albedo: f32,
 }
@@ -30,7 +30,7 @@ impl ForLight {
     pub fn white() -> Self {
         let light = [1.0; 3].map(|radiance| Coefficients::constant(1, radiance));
         let name = "white light".to_owned();
-        Self { name_in_store: name.clone(), name, light, direct: None, albedo: ALBEDO }
+        Self { name_in_store: name.clone(), name, light, rest: None, albedo: ALBEDO }
     }
 }
 
@@ -138,12 +138,11 @@ impl Kind {
         let is_usual = job.goal.most_paths.is_some();
         for light in lights {
             let albedo = light.albedo;
-            let each = light.light.iter().enumerate().map(|(c, all)| weights_of(layers, light, c, all));
-            let each: Vec<Vec<f32>> = each.collect();
+            let of_transfer = light.rest.as_ref().unwrap_or(&light.light);
+            let each: Vec<Vec<f32>> = of_transfer.iter().map(|light| weights_of(layers, light, albedo)).collect();
             // Over all that the surface sends out: with the lamps that are lit apart.
-            let whole = ForLight { direct: None, ..light.clone() };
-            let of_whole = |(c, all)| found.mean_of(&weights_of(layers, &whole, c, all));
-            let mean = light.light.iter().enumerate().map(of_whole).sum::<f64>() / 3.0 + mean_of_luminaires(albedo);
+            let of_whole = |whole| found.mean_of(&weights_of(layers, whole, albedo));
+            let mean = light.light.iter().map(of_whole).sum::<f64>() / 3.0 + mean_of_luminaires(albedo);
             if mean.is_nan() || mean <= 0.0 {
                 // A light that was not asked for as a measure may be dark.
                 if is_usual {
@@ -209,15 +208,9 @@ impl Kind {
 }
 
 /// Weights of the transfer in the radiance of a channel under a light.
-fn weights_of(layers: &Layers, light: &ForLight, channel: usize, all: &Coefficients) -> Vec<f32> {
-    let narrow = |c: &Coefficients| c.values().iter().map(|&v| v as f32).collect::<Vec<_>>();
-    let mut weights = radiance_weights(layers, &narrow(all), light.albedo, 1.0);
-    if let Some(direct) = &light.direct {
-        let own = radiance_weights(layers, &narrow(&direct[channel]), light.albedo, 1.0);
-        let count = layers.bands()[0].pow(2);
-        weights[..count].copy_from_slice(&own[..count]);
-    }
-    weights
+fn weights_of(layers: &Layers, light: &Coefficients, albedo: f32) -> Vec<f32> {
+    let narrow: Vec<f32> = light.values().iter().map(|&v| v as f32).collect();
+    radiance_weights(layers, &narrow, albedo, 1.0)
 }
 
 /// The larger of two weights each.

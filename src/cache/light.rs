@@ -25,7 +25,7 @@ pub fn for_light(
         EnvFrame::OpenExr => probe.name.clone(),
         EnvFrame::Gltf => format!("{} in the frame of glTF", probe.name),
     };
-    Ok(ForLight { name: probe.name.clone(), name_in_store, light, direct: None, albedo })
+    Ok(ForLight { name: probe.name.clone(), name_in_store, light, rest: None, albedo })
 }
 
 /// The environments that surfaces of one albedo will be lit by, as they will be.
@@ -40,9 +40,11 @@ pub fn lights(
 ) -> Result<Vec<ForLight>> {
     let each = probes.iter().map(|probe| {
         let lighting = Lighting::new(probe, up, layers, options)?;
-        let of_layer = |k: usize| -> [Coefficients; 3] {
-            let rgb = lighting.light().coefficients(k);
-            let bands = lighting.light().bands(k);
+        // The layer of most bands.
+        let most = layers.bands().iter().enumerate().max_by_key(|(_, bands)| **bands).map_or(0, |(k, _)| k);
+        let rest = {
+            let rgb = lighting.light().coefficients(most);
+            let bands = lighting.light().bands(most);
             let mut channels = [(); 3].map(|()| Coefficients::zero(bands));
             for (c, channel) in channels.iter_mut().enumerate() {
                 channel.values_mut().iter_mut().zip(rgb).for_each(|(to, from)| *to = from[c]);
@@ -54,7 +56,8 @@ pub fn lights(
             degrees => format!(" turned {degrees}°"),
         };
         let name_in_store = format!("{}{turned}", probe.name);
-        Ok(ForLight { name: probe.name.clone(), name_in_store, light: of_layer(1), direct: Some(of_layer(0)), albedo })
+        let light = lighting.whole(up, layers.max_bands())?;
+        Ok(ForLight { name: probe.name.clone(), name_in_store, light, rest: Some(rest), albedo })
     });
     each.collect()
 }

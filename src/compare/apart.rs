@@ -1,68 +1,86 @@
-//! Lamps that are lit apart from an environment, as relight lights them: their direct light is that of visibility rays, what
-//! they bring by reflection stays in the bands.
+//! Lamps that are lit apart from an environment, as relight lights them: their direct light by visibility rays, and what
+//! the surface reflects of them by gathers. The transfer is multiplied with the rest.
 //!
-//! Radiance is linear in the light, so that every link of the chain changes by the same: the direct light of the lamps is
-//! added, the direct light of their bands taken away.
+//! Where they stand for the truth they are a source of light as any other, beside the bands of the rest
+//! ([`crate::transport::direct`]).
 
-use super::{BandLimited, LitSurface, Question};
+use super::{BandLimited, LitSurface};
 use crate::error::Result;
+use crate::geom::Direction;
 use crate::relight::Material;
-use crate::render::{SunLight, sun_visibility};
+use crate::relight::TriangleIndex;
+use crate::render::{SunLight, SunLit, Surroundings, sun_visibility};
+use crate::sampling::{DirectionSample, DirectionalSource};
 use crate::sh::Coefficients;
-use crate::transport::{SceneReference, direct};
+use crate::surface::Mesh;
 
 /// Lamps apart from an environment.
 #[derive(Clone, Copy)]
 pub struct Apart<'a> {
-    /// What the environment has of them in its bands, in world axes: all of it without the rest.
-    pub excess: &'a [Coefficients; 3],
+    /// What is left of the environment without them, in world axes, cut to the bands of the store.
+    pub rest: &'a [Coefficients; 3],
     /// The lamps, with the rays that relight gives them.
     pub suns: &'a [SunLight],
+    /// The lamps as a source of light: what they took from the image.
+    pub source: &'a dyn DirectionalSource,
+    /// Whether the transfer has reflections.
+    pub reflects: bool,
+    /// The mesh of the surface.
+    pub mesh: &'a Mesh,
+    /// Its triangles.
+    pub triangles: &'a TriangleIndex<'a>,
 }
 
-/// Rays to each lamp where it stands for the truth; eight times as many in the penumbra.
-const MANY_RAYS: u32 = 128;
+/// The bands of the rest and the lamps: drawn by these, since what is of few bands is smooth.
+pub(super) struct BandsAndSuns<'a> {
+    bands: BandLimited<'a>,
+    suns: &'a dyn DirectionalSource,
+}
 
-/// Albedo of surfaces that reflect nothing to each other: a millionth of what is direct.
-const BARELY: f32 = 1e-6;
+impl DirectionalSource for BandsAndSuns<'_> {
+    fn sample(&self, u: [f32; 2]) -> Option<DirectionSample> {
+        let sample = self.suns.sample(u)?;
+        Some(DirectionSample { radiance: self.radiance(sample.direction), ..sample })
+    }
 
-impl Apart<'_> {
-    /// Direct radiance of the lamps at the points of a surface, by the rays of relight or by many.
+    fn density(&self, direction: Direction) -> f32 {
+        self.suns.density(direction)
+    }
+
+    fn radiance(&self, direction: Direction) -> [f32; 3] {
+        let (bands, suns) = (self.bands.radiance(direction), self.suns.radiance(direction));
+        std::array::from_fn(|c| bands[c] + suns[c])
+    }
+}
+
+impl<'a> Apart<'a> {
+    /// With the bands of the rest.
+    pub(super) fn with_bands(&self) -> BandsAndSuns<'a> {
+        BandsAndSuns { bands: BandLimited(self.rest), suns: self.source }
+    }
+
+    /// Adds radiance of the lamps at the points of a surface, as relight finds it; what is there is that of the rest.
     ///
     /// # Errors
     /// An albedo that is none.
-    pub(super) fn radiance(&self, surface: &LitSurface<'_>, with_many: bool) -> Result<Vec<[f64; 3]>> {
+    pub(super) fn add_to(&self, radiance: &mut [[f64; 3]], surface: &LitSurface<'_>) -> Result<()> {
         let material = Material::new(surface.albedo, [0.0; 3])?;
         let positions: Vec<[f32; 3]> = surface.points.iter().map(|p| p.position_in_grid).collect();
         let normals: Vec<[f32; 3]> = surface.points.iter().map(|p| p.normal).collect();
-        let mut sum = vec![[0.0; 3]; positions.len()];
+        let rest = radiance.iter().flatten().sum::<f64>() / (3 * radiance.len().max(1)) as f64;
         for sun in self.suns {
-            let sun = if with_many { SunLight { rays: MANY_RAYS, ..*sun } } else { *sun };
-            let seen = sun_visibility(surface.volume, surface.pyramid, surface.isovalue, &positions, &normals, &sun);
+            let seen = sun_visibility(surface.volume, surface.pyramid, surface.isovalue, &positions, &normals, sun);
             let factor = material.sun_factor(sun.flux).map(f64::from);
-            let each = sum.iter_mut().zip(seen.lit);
+            let each = radiance.iter_mut().zip(seen.lit);
             each.for_each(|(sum, lit)| (0..3).for_each(|c| sum[c] += factor[c] * f64::from(lit)));
         }
-        Ok(sum)
-    }
-
-    /// Direct radiance of the bands of the lamps at the points of a question, by paths.
-    ///
-    /// # Errors
-    /// As [`direct`].
-    pub(super) fn bands_by_paths(&self, q: &Question<'_>) -> Result<Vec<[f64; 3]>> {
-        let LitSurface { volume, pyramid, isovalue, points, albedo, .. } = q.surface;
-        let settings = SceneReference::new(q.paths, [BARELY; 3], q.seed);
-        let light = BandLimited(self.excess);
-        let (found, _) = direct(volume, pyramid, None, isovalue, points, &[&light], &settings)?;
-        let scaled = |mean: [f64; 3]| std::array::from_fn(|c| mean[c] * f64::from(albedo[c]) / f64::from(BARELY));
-        Ok(found.iter().flatten().map(|r| scaled(r.mean)).collect())
-    }
-}
-
-/// Adds what the lamps bring, and takes away what their bands did.
-pub(super) fn exchange(radiance: &mut [[f64; 3]], suns: &[[f64; 3]], bands: &[[f64; 3]]) {
-    for (radiance, (sun, band)) in radiance.iter_mut().zip(suns.iter().zip(bands)) {
-        (0..3).for_each(|c| radiance[c] += sun[c] - band[c]);
+        if self.reflects {
+            let LitSurface { volume, pyramid, isovalue, albedo, .. } = *surface;
+            let surroundings = Surroundings { volume, pyramid, isovalue, mesh: self.mesh, triangles: self.triangles };
+            let found = SunLit::new(surroundings, self.suns, albedo, true).reflected(&positions, &normals, rest);
+            let each = radiance.iter_mut().zip(found.radiance);
+            each.for_each(|(sum, more)| (0..3).for_each(|c| sum[c] += f64::from(more[c])));
+        }
+        Ok(())
     }
 }

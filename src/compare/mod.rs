@@ -39,12 +39,11 @@ pub use surface::{LitSurface, Vertices, unburied};
 
 use crate::error::Result;
 use crate::geom::Direction;
-use crate::relight::{Light, LookupReport};
+use crate::relight::LookupReport;
 use crate::sampling::{DirectionSample, DirectionalSource};
 use crate::sh::{self, Coefficients};
 use crate::transfer::BrickSource;
 use crate::transport::{Radiance, Settings};
-use apart::exchange;
 use serde::Serialize;
 
 /// What is compared.
@@ -163,20 +162,22 @@ pub fn compare(question: &Question<'_>) -> Result<Comparison> {
     let (q, surface) = (question, &question.surface);
     surface.check()?;
     let limited = BandLimited(surface.coefficients);
-    let lights: [&dyn DirectionalSource; 2] = [surface.light, &limited];
+    let with_suns = q.apart.as_ref().map(|apart| (apart.with_bands(), apart.source));
+    let lights: Vec<&dyn DirectionalSource> = match &with_suns {
+        Some((bands_and_suns, suns)) => vec![surface.light, bands_and_suns, *suns],
+        None => vec![surface.light, &limited],
+    };
     let (references, rays) = surface.by_paths(&lights, q.paths, q.seed)?;
-    let [whole, mut cut] = [0, 1].map(|l| references[l].iter().map(|r| r.mean).collect::<Vec<_>>());
+    let mean_of = |l: usize| references[l].iter().map(|r| r.mean).collect::<Vec<_>>();
+    let (whole, cut) = (mean_of(0), mean_of(1));
     let (mut stored, lookups) = in_bands(q)?;
     let [mut fine, mut again] = slow::interpolated(q, &stored)?;
     if let Some(apart) = &q.apart {
-        let [few, many] = [false, true].map(|with_many| apart.radiance(surface, with_many));
-        let (few, many) = (few?, many?);
-        exchange(&mut cut, &many, &apart.bands_by_paths(q)?);
-        // Of the others the bands are out already. The noise of the rays is in the row of noise.
-        let nothing = vec![[0.0; 3]; few.len()];
-        exchange(&mut fine, &many, &nothing);
-        exchange(&mut again, &few, &nothing);
-        exchange(&mut stored, &few, &nothing);
+        // Of relight the noise of rays and paths is in the row of noise.
+        let suns = mean_of(2);
+        fine.iter_mut().zip(&suns).for_each(|(sum, sun)| (0..3).for_each(|c| sum[c] += sun[c]));
+        apart.add_to(&mut again, surface)?;
+        apart.add_to(&mut stored, surface)?;
     }
     let links = [&whole, &cut, &fine, &again, &stored];
     let mean = whole.iter().flatten().sum::<f64>() / (3 * whole.len()) as f64;
@@ -202,24 +203,21 @@ pub fn compare(question: &Question<'_>) -> Result<Comparison> {
 pub fn by_store(q: &Question<'_>) -> Result<(Vec<[f64; 3]>, LookupReport)> {
     let (mut stored, lookups) = in_bands(q)?;
     if let Some(apart) = &q.apart {
-        let nothing = vec![[0.0; 3]; stored.len()];
-        exchange(&mut stored, &apart.radiance(&q.surface, false)?, &nothing);
+        apart.add_to(&mut stored, &q.surface)?;
     }
     Ok((stored, lookups))
 }
 
 /// The same without lamps that are lit apart.
 fn in_bands(q: &Question<'_>) -> Result<(Vec<[f64; 3]>, LookupReport)> {
-    let (mut stored, lookups) = q.surface.by_textures(q.textures, q.surface.coefficients)?;
-    if let Some(apart) = &q.apart {
-        let dark = LitSurface { emission: [0.0; 3], ..q.surface };
-        let none = [(); 3].map(|()| Coefficients::zero(1));
-        let direct = Light::per_layer(&[apart.excess.clone(), none])?;
-        let (bands, _) = dark.by_light(q.textures, &direct)?;
-        let nothing = vec![[0.0; 3]; bands.len()];
-        exchange(&mut stored, &nothing, &bands);
+    q.surface.by_textures(q.textures, q.bands())
+}
+
+impl Question<'_> {
+    /// The light that the transfer is multiplied with.
+    fn bands(&self) -> &[Coefficients; 3] {
+        self.apart.map_or(self.surface.coefficients, |apart| apart.rest)
     }
-    Ok((stored, lookups))
 }
 
 /// Mean square of the difference over points and channels.

@@ -8,6 +8,7 @@ use super::{
 };
 use crate::error::Result;
 use crate::probe::{EnvFrame, Orientation, Probe, SunSplit};
+use crate::relight::{TriangleIndex, TriangleOrder};
 use crate::session::{Isosurface, LuminaireFactor, factor_of};
 use crate::transfer::BrickSource;
 use crate::transport::{ExactPoint, PhotonEnergy, points_in_cells};
@@ -116,6 +117,8 @@ impl Asked<'_> {
         let textures: Vec<&dyn BrickSource> = stores.iter().map(|t| t as _).collect();
         let settings = subject.baked_by(self.texel_rays);
         let specular = subject.specular_photons(at_vertices.is_some().then_some(isovalue))?;
+        let order = TriangleOrder::new(surface.mesh());
+        let triangles = TriangleIndex::new(surface.mesh(), &order);
         let mut rows = Vec::new();
         for (p, probe) in self.probes.iter().enumerate() {
             let start = seconds();
@@ -140,7 +143,7 @@ impl Asked<'_> {
                 surface: lit,
                 textures: &textures,
                 baked_by: settings.as_ref(),
-                apart: lamps.as_ref().map(Lamps::apart),
+                apart: lamps.as_ref().map(|lamps| lamps.apart(surface.mesh(), &triangles)),
                 paths: self.paths,
                 texel_rays: self.texel_rays,
                 seed: self.seed,

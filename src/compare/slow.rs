@@ -27,21 +27,13 @@ pub(super) fn interpolated(q: &Question<'_>, stored: &[[f64; 3]]) -> Result<[Vec
         target: None,
         positive: false,
     });
-    let light = surface.texel_light(surface.coefficients);
-    // What is lit apart is not in the direct layer.
-    let direct_layer = Layers::new(vec![layout.layers.bands()[0]])?;
-    let apart = q.apart.map(|a| (TexelLight { emission: [0.0; 3], ..surface.texel_light(a.excess) }, direct_layer));
+    let light = surface.texel_light(q.bands());
     let radiance = |settings: &Settings, rays: &dyn Fn(u32) -> u32| -> Result<BTreeMap<[usize; 3], [f64; 3]>> {
         // Texels that the store has without rays have no level set.
         let wanted: Vec<([usize; 3], u32)> =
             texels.iter().filter(|(_, n)| **n > 0).map(|(t, n)| (*t, rays(*n))).collect();
         let found = surface.texels(layout, settings, &wanted)?;
-        let of_texel = |groups: Vec<Vec<f32>>| {
-            let all = radiance_of(&layout.layers, &groups, &layout.layers, &light);
-            let Some((excess, layer)) = &apart else { return all };
-            let direct = radiance_of(&layout.layers, &groups, layer, excess);
-            std::array::from_fn(|c| all[c] - direct[c])
-        };
+        let of_texel = |groups: Vec<Vec<f32>>| radiance_of(&layout.layers, &groups, &layout.layers, &light);
         Ok(found.into_iter().map(|(texel, groups)| (texel, of_texel(groups))).collect())
     };
     let other_seed = key(q.seed, 0x7465_7865_6c73);

@@ -127,15 +127,7 @@ impl LitSurface<'_> {
         textures: &[&dyn BrickSource],
         light: &[Coefficients; 3],
     ) -> Result<(Vec<[f64; 3]>, LookupReport)> {
-        self.by_light(textures, &Light::from_channels(light)?)
-    }
-
-    /// The same, of light that may differ from layer to layer.
-    pub(super) fn by_light(
-        &self,
-        textures: &[&dyn BrickSource],
-        light: &Light,
-    ) -> Result<(Vec<[f64; 3]>, LookupReport)> {
+        let light = &Light::from_channels(light)?;
         let material = Material::new(self.albedo, self.emission)?;
         let contracted = self.contracted(textures, light, &material)?;
         let positions: Vec<[f32; 3]> = self.points.iter().map(|p| p.position_in_grid).collect();

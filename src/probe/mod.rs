@@ -54,7 +54,7 @@ pub use report::{Lobe, Report, report};
 pub use source::EnvironmentSource;
 pub use sun::NoSun;
 #[doc(hidden)]
-pub use sun::{Split, SplitSun, Sun, SunOptions, split_sun};
+pub use sun::{LampShape, Split, SplitSun, Sun, SunOptions, split_sun};
 pub use sun_split::{MOST_SUNS, SUN_TOLERANCE, SunSplit};
 
 use crate::error::{Error, Result};

@@ -12,7 +12,7 @@
 //!    stays within the radius. When none does, the lamp is wide: the region is what is above [`PART`] within the radius, and
 //!    the next lobe another part of it.
 //! 3. *Fill*: each channel of the region falls to the mean of the ring just around it, where it is above.
-//! 4. *Sun*: what was taken, as a uniform disk with the same flux and the same first moment ∫ L ω dω. The
+//! 4. *Sun*: what was taken, with its shape, and as a uniform disk with the same flux and the same first moment ∫ L ω dω. The
 //!    first moment gives the direction and the radius (see [`Sun::angular_radius`]), and with both
 //!    kept the irradiance of every surface that has the whole lobe above its horizon is kept, too.
 //! 5. *Decision*: lobes are found one below the other, and the strongest are taken as long as what is left
@@ -21,6 +21,7 @@
 //!    loses nearly as much: a piece of a bright sky, of which the edges ring as it did.
 
 mod lobe;
+mod shape;
 mod truncation;
 
 use super::Probe;
@@ -30,6 +31,7 @@ use super::sky::Exact;
 use super::sun_split::{MOST_SUNS, SUN_TOLERANCE, SunSplit};
 use glam::DVec3;
 use lobe::{Lobe, peel};
+pub use shape::LampShape;
 use std::f64::consts::PI;
 use truncation::{truncation, truncation_of_lamp};
 
@@ -42,8 +44,8 @@ pub const FRACTIONS: [f64; 5] = [0.01, 0.03, 0.1, 0.25, 0.5];
 /// Part of the peak, above the background, at which a part of a wide lamp ends.
 pub const PART: f64 = 0.5;
 
-/// A distant disk of uniform radiance.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A distant lamp: a disk of uniform radiance, or the shape that it has in its image.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Sun {
     /// Unit vector to its centre in the probe frame.
     pub direction_in_probe: DVec3,
@@ -53,6 +55,8 @@ pub struct Sun {
     /// Half the angle across, in radians: that of a disk with the lobe's spread,
     /// cos α = 2‖∫ L ω dω‖/∫ L dω − 1. A disk gives its own radius.
     pub angular_radius: f64,
+    /// The lobe as the image has it; none of one that is a disk by formula.
+    pub shape: Option<LampShape>,
 }
 
 impl Sun {
@@ -117,7 +121,7 @@ impl SunOptions {
 }
 
 /// A sun with the figures that made it one.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SplitSun {
     /// The sun.
     pub sun: Sun,
@@ -237,7 +241,7 @@ fn split_lobes(split: &mut Split, options: &SunOptions) {
             continue;
         }
         (split.rest.image, split.rest.exact, split.truncation_of_rest) = (rest, None, lost);
-        split.suns.push(lobe.as_sun(whole, options.bands));
+        split.suns.push(lobe.as_sun(&split.rest.image, whole, options.bands));
         if split.truncation_of_rest <= options.tolerance {
             split.stopped = NoSun::Smooth { ringing: split.truncation_of_rest, tolerance: options.tolerance };
             return;
@@ -280,7 +284,7 @@ fn split_disk(split: &mut Split, centre: DVec3, half_angle: f64, radiance: f64, 
         split.stopped = NoSun::Wide(options.max_radius);
         return;
     }
-    let sun = Sun { direction_in_probe: centre, flux: [0.0; 3], angular_radius: half_angle };
+    let sun = Sun { direction_in_probe: centre, flux: [0.0; 3], angular_radius: half_angle, shape: None };
     let sun = Sun { flux: [radiance * sun.solid_angle(); 3], ..sun };
     let image = &split.rest.image;
     split.rest.image = LatLong::from_fn(image.width(), image.height(), |_, _| [0.0; 3]);

@@ -30,6 +30,17 @@ impl VertexRadiance {
             }
         }
     }
+
+    /// Adds radiance, one entry a position.
+    ///
+    /// # Panics
+    /// When there are not as many entries as positions.
+    pub fn add(&mut self, more: &[[f32; 3]]) {
+        assert_eq!(more.len(), self.radiance.len());
+        for (radiance, more) in self.radiance.iter_mut().zip(more) {
+            (0..3).for_each(|c| radiance[c] += more[c]);
+        }
+    }
 }
 
 /// How many lookups had all they needed, and what the others did.

@@ -69,8 +69,8 @@ pub struct Scene {
     pub luminaires: Vec<[f64; 3]>,
 }
 
-/// The light as an image: what a path sees that escapes along a direction in world, after so many reflections.
-pub type Seen<'a> = dyn Fn(Vec3, usize) -> [f32; 3] + Sync + 'a;
+/// The light as an image: what a path sees that escapes along a direction in world.
+pub type Seen<'a> = dyn Fn(Vec3) -> [f32; 3] + Sync + 'a;
 
 /// Estimates the error; `None` where there are fewer than two points, the surface is black, or points and lookups do not belong
 /// together. `scene`: of a volume alone none; `seen`: the image, where truncation is wanted.
@@ -176,7 +176,7 @@ fn truncation_at(
     let half = |codes: &[u32]| -> [f64; 3] {
         let mut sum = [0.0f64; 3];
         for (direction, k) in codes.iter().filter_map(|&code| of_escape(code)).filter(|(_, k)| *k < layers.len()) {
-            let (image, limited) = (seen(direction, k), limited(layers, light, direction, k));
+            let (image, limited) = (seen(direction), limited(layers, light, direction, k));
             for c in 0..3 {
                 let power = material.factor(k, c);
                 sum[c] += power * (f64::from(image[c]) - limited[c]);

@@ -8,12 +8,35 @@ use crate::surface::Mesh;
 use crate::transfer::BRICK_TEXELS;
 use glam::Vec3;
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 
 /// The numbers of the triangles of a mesh by the cells of the grid that hold them.
 pub struct TriangleOrder {
     // First and number of its triangles in `order`.
-    cells: HashMap<[i32; 3], (u32, u32)>,
+    cells: Cells,
     order: Vec<u32>,
+}
+
+type Cells = HashMap<[i32; 3], (u32, u32), BuildHasherDefault<OfCell>>;
+
+/// A hash of few multiplications: cells are looked up for every ray that meets a surface, and nobody chooses them to collide.
+#[derive(Default)]
+struct OfCell(u64);
+
+impl Hasher for OfCell {
+    fn write(&mut self, bytes: &[u8]) {
+        for part in bytes.chunks(4) {
+            let word = part.iter().rev().fold(0u64, |word, &byte| word << 8 | u64::from(byte));
+            self.0 = (self.0.rotate_left(23) ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        }
+    }
+
+    fn write_usize(&mut self, _: usize) {}
+
+    fn finish(&self) -> u64 {
+        // The table takes the upper bits for its tags and the lower for its places.
+        self.0 ^ self.0 >> 32
+    }
 }
 
 /// The triangles of a mesh by the cells of the grid that hold them.
@@ -36,7 +59,7 @@ impl TriangleOrder {
         let whole = mesh.triangles.iter().zip(0..).filter(|(t, _)| is_whole(t));
         let mut keyed: Vec<([i32; 3], u32)> = whole.map(|(t, number)| (cell(t), number)).collect();
         keyed.sort_unstable();
-        let mut cells: HashMap<[i32; 3], (u32, u32)> = HashMap::new();
+        let mut cells = Cells::default();
         for (place, (cell, _)) in keyed.iter().enumerate() {
             cells.entry(*cell).or_insert((place as u32, 0)).1 += 1;
         }

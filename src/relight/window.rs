@@ -49,9 +49,7 @@ impl Prepared {
     }
 }
 
-/// Cuts light in world axes to the band limit of each layer and windows it there. Layer 0 sees `direct`,
-/// all others `reflected`: give the same twice, unless a sun that is relit apart was taken out of
-/// the direct light.
+/// Cuts light in world axes to the band limit of each layer and windows it there.
 ///
 /// With [`Window::Certified`] every layer's light is proven ≥ 0 over the whole sphere, by a margin that
 /// also covers single precision: T·L stays ≥ 0 when T = Σ w_j Y(ω_j), w_j ≥ 0, and the product are
@@ -59,23 +57,16 @@ impl Prepared {
 ///
 /// # Errors
 /// A coefficient that is not finite; with [`Window::Certified`] a channel with a negative mean.
-pub fn prepare(
-    direct: &[Coefficients; 3],
-    reflected: &[Coefficients; 3],
-    layers: &Layers,
-    window: Window,
-) -> Result<Prepared> {
-    let sources = [direct, reflected];
-    let source = |k: usize| if k == 0 || direct == reflected { 0 } else { 1 };
+pub fn prepare(light: &[Coefficients; 3], layers: &Layers, window: Window) -> Result<Prepared> {
     let mut sets: Vec<[Coefficients; 3]> = Vec::with_capacity(layers.len());
     let mut windows: Vec<LayerWindow> = Vec::with_capacity(layers.len());
     for (k, &bands) in layers.bands().iter().enumerate() {
-        if let Some(done) = (0..k).find(|&j| layers.bands()[j] == bands && source(j) == source(k)) {
+        if let Some(done) = (0..k).find(|&j| layers.bands()[j] == bands) {
             sets.push(sets[done].clone());
             windows.push(windows[done].clone());
             continue;
         }
-        let (set, report) = prepare_layer(sources[source(k)], bands, window)?;
+        let (set, report) = prepare_layer(light, bands, window)?;
         sets.push(set);
         windows.push(report);
     }

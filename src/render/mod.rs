@@ -5,9 +5,11 @@
 mod camera;
 mod pixels;
 mod preview;
+mod reflected;
 mod sun;
 
 pub use camera::{Camera, Projection, VIEWS, View, Viewpoint};
 pub use pixels::{SeenPoint, seen_points};
 pub use preview::{Backdrop, Picture, RenderOptions, Subject, radiance_along, render};
+pub use reflected::{Reflected, SunLit, Surroundings};
 pub use sun::{PENUMBRA, SunLight, SunVisibility, sun_visibility};

@@ -58,6 +58,8 @@ pub struct Subject<'a> {
     pub light: &'a Light,
     /// What they reflect of it.
     pub material: &'a Material,
+    /// What suns bring by reflection at the vertices of its mesh, and the triangles between these.
+    pub reflected: Option<(&'a TriangleIndex<'a>, &'a [[f32; 3]])>,
 }
 
 /// What one ray (origin and unit direction in world) sees of the level set alone, and how far away: for what is shown
@@ -123,7 +125,7 @@ pub fn render(
 /// A sun for one of the rays of a pixel: all of them together give it the rays that it has at a point.
 fn of_one_ray(sun: &SunLight, options: &RenderOptions) -> SunLight {
     let of_pixel = options.supersampling.max(1).pow(2) as u32;
-    SunLight { rays: sun.rays.div_ceil(of_pixel).max(sun.rays.min(FEWEST_SUN_RAYS)), ..*sun }
+    SunLight { rays: sun.rays.div_ceil(of_pixel).max(sun.rays.min(FEWEST_SUN_RAYS)), ..sun.clone() }
 }
 
 /// Fewest rays to a sun, where it has as many: fewer would miss much of the penumbra.
@@ -223,11 +225,18 @@ impl<T: Sample> Scene<'_, T> {
             Outcome::Hit(hit) => {
                 let normal = self.field.normal(&hit.at).map_or([0.0, 0.0, 1.0], |n| n.vec().to_array());
                 let position = hit.at.in_grid().to_array();
-                let Subject { contracted, light, material, triangles, .. } = self.subject;
+                let Subject { contracted, light, material, triangles, reflected, .. } = self.subject;
                 let mut rgb = match triangles {
                     Some(index) => contracted.between_vertices(index, position, normal, light, material, report),
                     None => contracted.radiance_at(position, normal, light, material, report),
                 };
+                if let Some((triangle, weights)) = reflected.and_then(|(index, _)| index.nearest(position)) {
+                    let of_vertices = reflected.map_or(&[][..], |(_, radiance)| radiance);
+                    for (&v, w) in triangle.iter().zip(weights) {
+                        let more = of_vertices.get(v as usize).copied().unwrap_or_default();
+                        rgb = std::array::from_fn(|c| rgb[c] + w * more[c]);
+                    }
+                }
                 for (disk, factor) in self.suns {
                     let (lit, _) = disk.lit_cosine(&self.field, self.isovalue, hit.at, normal.into(), item, counts);
                     rgb = std::array::from_fn(|c| rgb[c] + factor[c] * lit);

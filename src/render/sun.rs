@@ -5,14 +5,14 @@
 
 use crate::geom::{Frame, Normal};
 use crate::level::{CellPoint, Counts, LevelField, Outcome, Pyramid, Start};
-use crate::probe::{Orientation, Sun};
+use crate::probe::{LampShape, Orientation, Sun};
 use crate::sampling::{PathSampler, warp};
 use crate::volume::{Sample, Volume, with_samples};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 /// A sun as it stands in the world, with the number of rays to give it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SunLight {
     /// Unit vector to the centre of its disk.
     pub direction_in_world: DVec3,
@@ -23,6 +23,8 @@ pub struct SunLight {
     /// Visibility rays for each surface point, at least 1; powers of two are spread best. Where they disagree, in the
     /// penumbra, there are [`PENUMBRA`] times as many. A single ray goes to the centre and makes hard shadows.
     pub rays: u32,
+    /// Its shape in world; a uniform disk, if `None`.
+    pub shape: Option<LampShape>,
 }
 
 impl SunLight {
@@ -33,6 +35,7 @@ impl SunLight {
             angular_radius: sun.angular_radius,
             flux: sun.flux,
             rays,
+            shape: sun.shape.as_ref().map(|shape| shape.turned(orientation.world_from_probe())),
         }
     }
 }
@@ -73,8 +76,10 @@ pub(super) struct Disk {
     frame: Frame,
     /// 1 − cos of the angular radius.
     height: f32,
+    /// Sine of the angle up to which it reaches.
     sine: f32,
     rays: u32,
+    shape: Option<LampShape>,
 }
 
 impl Disk {
@@ -85,12 +90,27 @@ impl Disk {
         let frame =
             axis.map_or(Frame { tangent: Vec3::ZERO, bitangent: Vec3::ZERO, normal: Vec3::ZERO }, Frame::around);
         let radius = sun.angular_radius.clamp(0.0, std::f64::consts::FRAC_PI_2);
-        Self { frame, height: warp::cap_height(radius), sine: libm::sin(radius) as f32, rays: sun.rays.max(1) }
+        let extent = sun.shape.as_ref().map_or(radius, |shape| shape.extent(sun.direction_in_world));
+        let sine = libm::sin(extent.min(std::f64::consts::FRAC_PI_2)) as f32;
+        Self { frame, height: warp::cap_height(radius), sine, rays: sun.rays.max(1), shape: sun.shape.clone() }
     }
 
     /// Unit vector to the centre.
     pub(super) fn towards(&self) -> Vec3 {
         self.frame.normal
+    }
+
+    /// Sine of the angle up to which it reaches from its centre.
+    pub(super) fn sine(&self) -> f32 {
+        self.sine
+    }
+
+    /// A unit vector to a place on it: uniform in solid angle on a disk, by luminance on a shape, where the variates are uniform.
+    pub(super) fn direction(&self, u: [f32; 2]) -> Vec3 {
+        match &self.shape {
+            Some(shape) => shape.direction(u),
+            None => self.frame.from_local(warp::square_to_uniform_cone(u, self.height)),
+        }
     }
 
     /// Mean of V(x, ω)(n·ω)⁺ over the disk at a point of the level set, and its variance; `item` picks the points.
@@ -112,12 +132,11 @@ impl Disk {
         let (mut sum, mut squares, mut lit, mut rays) = (0.0, 0.0, 0, 0);
         let mut most = self.rays;
         while rays < most {
-            let local = match self.rays {
-                1 => Vec3::Z,
-                _ => warp::square_to_uniform_cone(sequence.point(rays), self.height),
+            let direction = match self.rays {
+                1 => self.towards(),
+                _ => self.direction(sequence.point(rays)),
             };
             rays += 1;
-            let direction = self.frame.from_local(local);
             let cosine = direction.dot(normal_in_world);
             if cosine > 0.0
                 && field.trace(isovalue, &start, field.direction_in_grid(direction), counts) == Outcome::Escaped

@@ -8,21 +8,17 @@ use crate::probe::LatLong;
 use crate::relight::{ErrorTerm, LookupReport, Lookups, Scene, TotalError, TriangleIndex, total_error};
 use crate::transfer::checks::CheckPoints;
 use crate::transfer::{BRICK, Lattice, Selection};
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 /// Pixels across of the image that truncation is measured against: about 6°, the spacing of some hundreds of directions.
 const PIXELS: usize = 64;
-/// Cosine of the distance up to which a lamp that is lit apart counts as spread, 8°: its light by reflection is in the bands, of
-/// which five resolve some 36°, and paths that happen to meet a lamp of half a degree are too few to tell what is missing.
-const SPREAD: f64 = 0.990_268_068_741_570_4;
 /// Check points nearest in isovalue that count, of those of all isovalues.
 const NEAREST: usize = 256;
 
 impl Lit<'_> {
     /// The same with [`Lit::total_error`]: how far the colours are from exact light transport on the surface, estimated from the
     /// check points of the store, without a ray. There is none where the store has no check points: it is of another
-    /// estimator, a draft, or older. Suns that are lit apart have no part in it, but in the truncation of what they light by
-    /// reflection.
+    /// estimator, a draft, or older. Suns that are lit apart have no part in it but by the noise of their rays.
     ///
     /// # Errors
     /// When check points are damaged or a texture cannot be read.
@@ -106,7 +102,7 @@ impl Lit<'_> {
         let scene =
             source.identity().scene.as_ref().map(|_| Scene { luminaires: groups.factors().map(|(_, f)| f).collect() });
         let image = Blurred::new(lighting, texels.surface.session.up())?;
-        let seen = |direction: Vec3, k: usize| image.seen(direction, k);
+        let seen = |direction: Vec3| image.seen(direction);
         let layers = &source.layout().layers;
         Ok(total_error(layers, &checks, &lookups, (light, material), scene.as_ref(), Some(&seen)))
     }
@@ -164,31 +160,22 @@ fn bricks_around(lattice: Lattice, positions_in_grid: &[[f32; 3]]) -> Vec<[usize
     selection.bricks()
 }
 
-/// The image of an environment, blurred: without the lamps that are lit apart, and these spread.
+/// The image of an environment, blurred, without the lamps that are lit apart.
 struct Blurred {
     probe_from_world: glam::DMat3,
     rest: LatLong,
-    lamps: Vec<(DVec3, [f32; 3])>,
 }
 
 impl Blurred {
     fn new(lighting: &Lighting<'_>, up: Up) -> Result<Self> {
-        let cap = 2.0 * std::f64::consts::PI * (1.0 - SPREAD);
-        let lamps = lighting.suns.iter().map(|sun| (sun.direction_in_world, sun.flux.map(|f| (f / cap) as f32)));
         Ok(Self {
             probe_from_world: lighting.options.orientation(up)?.probe_from_world(),
             rest: lighting.rest.as_ref().unwrap_or(lighting.probe).image.reduced(PIXELS),
-            lamps: lamps.collect(),
         })
     }
 
-    /// What a path sees that escapes along a direction after k reflections: lamps that are lit apart only after one.
-    fn seen(&self, direction_in_world: Vec3, k: usize) -> [f32; 3] {
-        let direction = direction_in_world.as_dvec3();
-        let mut rgb = self.rest.radiance(self.probe_from_world * direction);
-        for (_, lamp) in self.lamps.iter().filter(|(towards, _)| k > 0 && towards.dot(direction) >= SPREAD) {
-            (0..3).for_each(|c| rgb[c] += lamp[c]);
-        }
-        rgb
+    /// What a path sees that escapes along a direction.
+    fn seen(&self, direction_in_world: Vec3) -> [f32; 3] {
+        self.rest.radiance(self.probe_from_world * direction_in_world.as_dvec3())
     }
 }

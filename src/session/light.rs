@@ -8,6 +8,7 @@ use crate::probe::{EnvFrame, Orientation, Probe};
 use crate::quantity::{count, percent};
 use crate::relight::{self, ClampReport, Light};
 use crate::render::SunLight;
+use crate::sh::Coefficients;
 use crate::sh::kernel::{Kept, Window};
 use crate::transfer::Layers;
 
@@ -130,8 +131,7 @@ pub struct Lighting<'p> {
 
 impl<'p> Lighting<'p> {
     /// The light of a probe around what has `up` up, in world axes, cut and windowed at the band limit of each layer. A
-    /// sun that is split off is missing from the direct layer alone: what it brings by reflection stays in the
-    /// transfer.
+    /// sun that is split off is missing from all of them: rays light what it shines on, and paths what it brings by reflection.
     ///
     /// # Errors
     /// When the rotation is not finite, no band is left, or light with negative pixels is to be certified.
@@ -152,15 +152,14 @@ impl<'p> Lighting<'p> {
         }
         let bands = options.bands.map_or(most, |b| b.min(most));
         let orientation = options.orientation(up)?;
-        let whole = probe.coefficients_in_world(bands, orientation);
+        let mut light = probe.coefficients_in_world(bands, orientation);
         let mut notes = Vec::new();
         let mut suns = Vec::new();
         let mut rest = None;
-        let mut direct = whole.clone();
         if let Some(sun_options) = options.sun_options(layers.bands()[0].min(bands)) {
             let split = split_sun(probe, &sun_options);
             if let Some(strongest) = split.suns.first() {
-                direct = split.rest.coefficients_in_world(bands, orientation);
+                light = split.rest.coefficients_in_world(bands, orientation);
                 notes.push(LightNote::Suns {
                     count: split.suns.len(),
                     share: split.suns.iter().map(|s| s.flux_share).sum(),
@@ -173,7 +172,7 @@ impl<'p> Lighting<'p> {
             suns.extend(split.suns.iter().map(|s| SunLight::new(&s.sun, orientation, SUN_RAYS)));
             rest = (!split.suns.is_empty()).then_some(split.rest);
         }
-        let prepared = relight::prepare(&direct, &whole, layers, options.window)?;
+        let prepared = relight::prepare(&light, layers, options.window)?;
         if options.window != Window::None {
             notes.push(LightNote::Window(prepared.least_kept().kept));
         }
@@ -188,6 +187,14 @@ impl<'p> Lighting<'p> {
     /// How it was made ready.
     pub fn options(&self) -> &LightOptions {
         &self.options
+    }
+
+    /// The whole light in world axes, with the suns that are lit apart: at most `bands`, no window.
+    ///
+    /// # Errors
+    /// When the rotation is not finite.
+    pub(crate) fn whole(&self, up: Up, bands: usize) -> Result<[Coefficients; 3]> {
+        Ok(self.probe.coefficients_in_world(bands, self.options.orientation(up)?))
     }
 
     /// The coefficients for each layer, without suns that are lit apart.

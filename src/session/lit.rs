@@ -3,7 +3,7 @@
 use super::{LightNote, Lighting, LuminaireFactor, Surface};
 use crate::error::{Error, Result};
 use crate::relight::{ClampReport, Contracted, Exposure, LookupReport, Material, SurfaceError, TotalError};
-use crate::render::sun_visibility;
+use crate::render::{Reflected, SunVisibility};
 use crate::transfer::store::{Holdings, Store};
 
 /// How a surface is lit.
@@ -22,6 +22,16 @@ impl Default for LitOptions {
     }
 }
 
+/// What lamps that are lit apart bring to the vertices of a surface.
+pub(super) struct OfSuns {
+    /// Of each lamp, direct.
+    pub(super) seen: Vec<SunVisibility>,
+    /// Of all together, by reflection.
+    pub(super) reflected: Reflected,
+    /// Rays of both.
+    pub(super) rays: u64,
+}
+
 /// The texels around a surface under a light.
 pub struct LitTexels<'t> {
     pub(super) surface: &'t Surface<'t>,
@@ -31,6 +41,8 @@ pub struct LitTexels<'t> {
     // Invariant of both: one for each member.
     pub(super) members: Vec<Contracted>,
     pub(super) clamped: Vec<Option<ClampReport>>,
+    // What lamps that are lit apart bring to the vertices, where there are any.
+    pub(super) suns: Vec<Option<OfSuns>>,
 }
 
 impl<'t> LitTexels<'t> {
@@ -53,7 +65,7 @@ impl<'t> LitTexels<'t> {
         let (mut radiance, mut errors) = (Vec::new(), Vec::new());
         let (mut report, mut sun_rays) = (LookupReport::default(), 0);
         let parts = surface.parts.iter().zip(surface.session.members());
-        for ((part, member), texels) in parts.zip(&self.members) {
+        for (((part, member), texels), suns) in parts.zip(&self.members).zip(&self.suns) {
             let mesh = part.isosurface.mesh();
             let is_of_vertices = part.isosurface.transfer().is_some();
             let mut lit = match is_of_vertices {
@@ -65,13 +77,14 @@ impl<'t> LitTexels<'t> {
                 true => texels.vertex_errors(mesh.normals.len()),
                 false => texels.look_up_errors(&mesh.positions_in_grid),
             });
-            for sun in &lighting.suns {
-                let (volume, isovalue) = (member.volume(), part.isosurface.isovalue());
-                let (positions, normals) = (&mesh.positions_in_grid, &mesh.normals);
-                let seen = sun_visibility(volume, member.pyramid(), isovalue, positions, normals, sun);
-                lit.add_sun(&seen.lit, sun.flux, material);
-                add_noise(&mut errors[first..], &seen.variance, material.sun_factor(sun.flux));
-                sun_rays += seen.counts.rays;
+            if let Some(suns) = suns {
+                for (sun, seen) in lighting.suns.iter().zip(&suns.seen) {
+                    lit.add_sun(&seen.lit, sun.flux, material);
+                    add_noise(&mut errors[first..], &seen.variance, material.sun_factor(sun.flux));
+                }
+                lit.add(&suns.reflected.radiance);
+                add_noise(&mut errors[first..], &suns.reflected.variance, [1.0; 3]);
+                sun_rays += suns.rays;
             }
             check_baked(member.store(), part.isosurface.isovalue(), &lit.report)?;
             report += lit.report;
@@ -191,7 +204,7 @@ impl<'t> Lit<'t> {
         self.negative
     }
 
-    /// Visibility rays of suns that were split off.
+    /// Rays of suns that were split off: of visibility, and those that find what the surface reflects of them.
     pub fn sun_rays(&self) -> u64 {
         self.sun_rays
     }

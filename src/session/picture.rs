@@ -237,7 +237,9 @@ impl<'a> Stage<'a> {
         let (contracted, own) = (&texels.members[0], &tinted(material, member));
         let triangles = part.triangles();
         let (light, triangles) = (&lighting.light, triangles.as_ref());
-        let subject = Subject { volume, pyramid, isovalue, contracted, triangles, light, material: own };
+        let reflected = texels.suns[0].as_ref().map(|suns| (part.all_triangles(), &*suns.reflected.radiance));
+        let reflected = reflected.as_ref().map(|(index, radiance)| (index, *radiance));
+        let subject = Subject { volume, pyramid, isovalue, contracted, triangles, light, material: own, reflected };
         let geometry = texels.surface.session.geometry();
         if geometry.is_none() && texels.surface.parts.len() == 1 {
             return Ok(render(&subject, &lighting.suns, None, camera, options));
@@ -292,7 +294,7 @@ impl<'a> Stage<'a> {
         let (light, material) = (&self.texels.lighting.light, &tinted(&self.texels.material, member));
         let triangles = part.triangles();
         let triangles = triangles.as_ref();
-        let subject = Subject { volume, pyramid, isovalue, contracted, triangles, light, material };
+        let subject = Subject { volume, pyramid, isovalue, contracted, triangles, light, material, reflected: None };
         radiance_along(&subject, camera, options, origin, direction)
     }
 

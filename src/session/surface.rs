@@ -1,10 +1,12 @@
 //! Surfaces ready to be lit: isosurfaces of all volumes of a session, and the bricks that their lookups read.
 
+use super::lit::OfSuns;
 use super::textures::{check_factors_of_nodes, radiance_of_bricks, settled};
 use super::{Isosurface, Lighting, Lit, LitOptions, LitTexels, LuminaireFactor, Session};
 use crate::error::Result;
 use crate::geom::Bounds;
-use crate::relight::{Exposure, LayerFactors, Material, TriangleIndex, TriangleOrder};
+use crate::relight::{Contracted, Exposure, LayerFactors, Material, TriangleIndex, TriangleOrder};
+use crate::render::{SunLit, Surroundings};
 use crate::surface::Mesh;
 use crate::transfer::{BRICK_TEXELS, Lattice, texels_of_isosurface};
 use crate::volume::Volume;
@@ -34,9 +36,13 @@ impl Part {
 
     /// The triangles between its vertices, where these have transfer of their own.
     pub(super) fn triangles(&self) -> Option<TriangleIndex<'_>> {
-        self.isosurface.transfer()?;
+        self.isosurface.transfer().map(|_| self.all_triangles())
+    }
+
+    /// The triangles between its vertices.
+    pub(super) fn all_triangles(&self) -> TriangleIndex<'_> {
         let mesh = self.isosurface.mesh();
-        Some(TriangleIndex::new(mesh, self.triangles.get_or_init(|| TriangleOrder::new(mesh))))
+        TriangleIndex::new(mesh, self.triangles.get_or_init(|| TriangleOrder::new(mesh)))
     }
 
     /// The isosurface.
@@ -113,7 +119,8 @@ impl<'s> Surface<'s> {
         self.parts.iter().zip(self.session.members().iter().map(|m| m.volume())).map(bytes).sum()
     }
 
-    /// Multiplies light and transfer, at the texels that lookups read.
+    /// Multiplies light and transfer, at the texels that lookups read; lamps that are lit apart light the
+    /// vertices by rays, and unless the transfer has direct light alone, by what the surface reflects of them.
     ///
     /// # Errors
     /// As [`radiance_of_bricks`]; a material that is none ([`Material::new`]).
@@ -130,15 +137,24 @@ impl<'s> Surface<'s> {
             let transfer = part.isosurface.transfer().unwrap_or(member.store());
             radiance_of_bricks(transfer, &part.bricks, lighting, material, luminaires)
         });
-        let (members, clamped) = all.collect::<Result<Vec<_>>>()?.into_iter().unzip();
-        Ok(LitTexels {
-            surface: self,
-            lighting,
-            material: settled(self.session.members()[0].store(), material),
-            luminaires: luminaires.to_vec(),
-            members,
-            clamped,
-        })
+        let (members, clamped): (Vec<Contracted>, _) = all.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+        let material = settled(self.session.members()[0].store(), material);
+        let parts = self.parts.iter().zip(self.session.members()).zip(&members);
+        let suns = parts.map(|((part, member), contracted)| {
+            if lighting.suns.is_empty() {
+                return None;
+            }
+            let layers = &part.isosurface.transfer().unwrap_or(member.store()).layout().layers;
+            let (mesh, triangles) = (part.isosurface.mesh(), &part.all_triangles());
+            let (volume, pyramid, isovalue) = (member.volume(), member.pyramid(), part.isosurface.isovalue());
+            let surface = Surroundings { volume, pyramid, isovalue, mesh, triangles };
+            let lit = SunLit::new(surface, &lighting.suns, material.albedo, layers.len() > 1);
+            let reflected = lit.reflected(&mesh.positions_in_grid, &mesh.normals, contracted.noise.mean_radiance);
+            let rays = lit.rays() + reflected.rays;
+            Some(OfSuns { seen: lit.seen, reflected, rays })
+        });
+        let suns = suns.collect();
+        Ok(LitTexels { surface: self, lighting, material, suns, luminaires: luminaires.to_vec(), members, clamped })
     }
 
     /// Lights it: [`Self::contract`], [`LitTexels::look_up`] at the vertices, and [`Lit::with_total_error`].

@@ -138,7 +138,7 @@ fn two_opposite_suns() {
     let layers = isolume::transfer::Layers::uniform(4, 5).expect("layers");
     let whole = suns.coefficients_in_world(5, Orientation::new(Up::Z, 0.0).expect("an angle"));
     for window in [Window::None, Window::Lanczos, Window::Hanning, Window::Certified] {
-        let prepared = prepare(&whole, &whole, &layers, window).expect("prepared");
+        let prepared = prepare(&whole, &layers, window).expect("prepared");
         usual().relit(&prepared.light, 0.9);
     }
     assert!(probe::report(&suns, 5).lobe.is_some_and(|l| l.luminance.is_finite()));

@@ -134,12 +134,12 @@ fn splitting_the_sun_halves_the_error_of_direct_light() {
             let stride = 5;
             let reference = scene.direct_reference(&probe.source(orientation), 0.5, 256, stride);
             let whole = probe.coefficients_in_world(5, orientation);
-            let plain = prepare(&whole, &whole, scene.layers(), Window::None).unwrap().light;
+            let plain = prepare(&whole, scene.layers(), Window::None).unwrap().light;
             let before = scene.relit(&plain, &material);
             let split = split_sun(&probe, &SunOptions::default());
             assert_eq!(split.suns.len(), 1, "{}", split.stopped);
             let rest = split.rest.coefficients_in_world(5, orientation);
-            let light = prepare(&rest, &whole, scene.layers(), Window::None).unwrap().light;
+            let light = prepare(&rest, scene.layers(), Window::None).unwrap().light;
             let mut after = scene.relit(&light, &material);
             let sun = SunLight::new(&split.suns[0].sun, orientation, 16);
             let visible = sun_visibility(
@@ -188,7 +188,7 @@ fn certified_light_on_a_positive_bake_of_four_rays_is_non_negative() {
         let orientation = orientation(&scene.volume);
         for probe in hard_skies() {
             let channels = probe.coefficients_in_world(5, orientation);
-            let prepared = prepare(&channels, &channels, &layers, Window::Certified).unwrap();
+            let prepared = prepare(&channels, &layers, Window::Certified).unwrap();
             let light = &prepared.light;
             check_single_precision(&scene, light, &probe.name);
             let mut contracted =
@@ -283,6 +283,7 @@ fn sun_visibility_is_exact_on_a_sphere_over_a_plane() {
         angular_radius: 0.5 * degrees.to_radians(),
         flux: [1.0; 3],
         rays,
+        shape: None,
     };
     let run = |sun: &SunLight| {
         let mesh = &scene.mesh;
@@ -321,8 +322,13 @@ fn the_variance_of_the_rays_is_that_of_many_choices() {
     let scene = Scene::new("sphere-over-plane:48", 0.0, Layers::uniform(1, 1).unwrap(), 4, true);
     let (mesh, towards) = (&scene.mesh, DVec3::new(0.3, 0.0, 0.954).normalize());
     for (degrees, rays) in [(20.0f64, 8), (20.0, 16), (20.0, 64), (5.0, 16)] {
-        let sun =
-            SunLight { direction_in_world: towards, angular_radius: 0.5 * degrees.to_radians(), flux: [1.0; 3], rays };
+        let sun = SunLight {
+            direction_in_world: towards,
+            angular_radius: 0.5 * degrees.to_radians(),
+            flux: [1.0; 3],
+            rays,
+            shape: None,
+        };
         let stretched = |all: &[[f32; 3]]| -> Vec<[f32; 3]> {
             all.iter().step_by(7).flat_map(|v| std::iter::repeat_n(*v, CHOICES)).collect()
         };
@@ -360,12 +366,12 @@ fn previews_show_the_shadow_of_a_split_sun() {
     let camera = Camera::framing(&volume.world_bounds(), volume.up, top, Projection::Orthographic, 1.0);
     let options = RenderOptions { width: 64, height: 64, supersampling: 1, cap: true };
     let towards = DVec3::new(0.6, 0.0, 0.8);
-    let sun = SunLight { direction_in_world: towards, angular_radius: 0.005, flux: [2.0; 3], rays: 4 };
+    let sun = SunLight { direction_in_world: towards, angular_radius: 0.005, flux: [2.0; 3], rays: 4, shape: None };
     let (pyramid, contracted) = (&scene.pyramid, &contracted);
-    let subject =
-        Subject { volume, pyramid, isovalue: 0.0, contracted, triangles: None, light: &black, material: &material };
+    let (light, material, triangles, reflected) = (&black, &material, None, None);
+    let subject = Subject { volume, pyramid, isovalue: 0.0, contracted, triangles, light, material, reflected };
     let dark = render(&subject, &[], None, &camera, &options);
-    let suns = [sun; 2];
+    let suns = [sun.clone(), sun];
     let one = render(&subject, &suns[..1], None, &camera, &options);
     let two = render(&subject, &suns, None, &camera, &options);
     assert!(dark.pixels.iter().all(|p| p[..3] == [0.0; 3]));

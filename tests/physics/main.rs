@@ -14,6 +14,7 @@ mod media;
 mod models;
 mod open;
 mod photons;
+mod reflected_suns;
 mod relight_transport;
 mod scene_volumes;
 mod scene_walls;

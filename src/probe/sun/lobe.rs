@@ -2,7 +2,7 @@
 
 use super::super::latlong::{LUMINANCE, LatLong, direction_at, luminance};
 use super::truncation::truncation_of_lamp;
-use super::{FRACTIONS, NoSun, PART, SplitSun, Sun, mean};
+use super::{FRACTIONS, LampShape, NoSun, PART, SplitSun, Sun, mean};
 use glam::DVec3;
 use std::f64::consts::PI;
 
@@ -176,12 +176,20 @@ impl Lobe {
         })
     }
 
-    /// It as a sun beside an environment of this flux, cut to some bands.
-    pub(super) fn as_sun(&self, whole: [f64; 3], bands: usize) -> SplitSun {
+    /// It alone, in an image of the size of another.
+    fn alone(&self, image: &LatLong) -> LatLong {
+        let mut taken = self.pixels.iter().peekable();
+        LatLong::from_fn(image.width(), image.height(), |x, y| {
+            taken.next_if(|(i, _)| *i == y * image.width() + x).map_or([0.0; 3], |(_, excess)| *excess)
+        })
+    }
+
+    /// It as a sun beside an environment of this flux, cut to some bands; `image`: one of the size of its own.
+    pub(super) fn as_sun(&self, image: &LatLong, whole: [f64; 3], bands: usize) -> SplitSun {
         let luminance = |rgb: [f64; 3]| (0..3).map(|c| LUMINANCE[c] * rgb[c]).sum::<f64>();
         let (flux, all) = (luminance(self.sun.flux), luminance(whole));
         SplitSun {
-            sun: self.sun,
+            sun: Sun { shape: LampShape::of(&self.alone(image)), ..self.sun.clone() },
             flux_share: if all > 0.0 { flux / all } else { 0.0 },
             ringing: truncation_of_lamp(mean(self.sun.flux) / mean(whole), bands),
             pixels: self.pixels.len(),
@@ -214,7 +222,7 @@ fn take(image: &LatLong, region: &[usize], fill: [f32; 3]) -> Lobe {
     // The mean direction of a disk is (1 + cos α)/2 long: 1 − length/total = sin²(α/2).
     let depth = if total > 0.0 { (1.0 - length / total).clamp(0.0, 1.0) } else { 0.0 };
     let angular_radius = 2.0 * libm::asin(depth.sqrt());
-    Lobe { pixels, sun: Sun { direction_in_probe, flux, angular_radius } }
+    Lobe { pixels, sun: Sun { direction_in_probe, flux, angular_radius, shape: None } }
 }
 
 /// ∫ ω dω over a pixel, exact: the flux-weighted mean direction needs more than pixel centres where

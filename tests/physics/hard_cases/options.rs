@@ -111,7 +111,7 @@ fn a_probe_of_one_pixel_is_a_constant_and_one_texel_of_a_million_keeps_its_energ
         // Its mean over the sphere is the first coefficient over sqrt(4π), in any orientation.
         let mean = rgb[0].values()[0] / (4.0 * std::f64::consts::PI).sqrt();
         assert!((mean * 4.0 * std::f64::consts::PI / flux - 1.0).abs() < 1e-6, "{x},{y}: {mean} {flux}");
-        let prepared = prepare(&rgb, &rgb, &solved.texture.layout().layers, Window::Certified).unwrap();
+        let prepared = prepare(&rgb, &solved.texture.layout().layers, Window::Certified).unwrap();
         assert!(prepared.windows.iter().all(|w| w.floor >= 0.0), "{x},{y}");
         let (radiance, _) = at(&solved, [6.0, 6.0, 11.0], &prepared.light, &white);
         // Exitant radiance of a texel that sees the whole flux head on is flux/π; a certified kernel of

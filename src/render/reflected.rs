@@ -1,0 +1,351 @@
+//! What suns that were split off an environment bring by reflection on a level set.
+//!
+//! With D the exitant radiance by their direct light, that by reflection is R = G (D + R), G the mean over a cosine-weighted
+//! hemisphere of ρ times what is met there. In two steps (final gathering, Reichert 1992): R at the vertices of the mesh, from
+//! few rays each, whose hits are kept and the equation solved on them; then one gather of many rays at each place asked for,
+//! which averages most of the noise of the first step away. Where rays meet the surface each asks for one of the suns, drawn by
+//! what it would bring unshadowed (next event estimation): the first order of reflection is unbiased. Higher ones are
+//! interpolated between vertices; that they are seen about smoothed normals there is their bias, held against paths in
+//! `tests/physics/reflected_suns.rs`. Rays are those of the bake.
+//!
+//! Tried and lost: D interpolated between vertices (4 % too bright where walls are a few voxels thick), and the same as a
+//! control variate with every fourth ray asking (three times the variance there).
+
+use super::sun::{Disk, SunLight, SunVisibility, sun_visibility};
+use crate::geom::{Frame, Normal};
+use crate::level::{CellPoint, Counts, LevelField, Outcome, Pyramid, Start};
+use crate::relight::TriangleIndex;
+use crate::sampling::{PathSampler, warp};
+use crate::surface::Mesh;
+use crate::volume::{Sample, Volume, with_samples};
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Radiance by reflection at each of some places.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Reflected {
+    /// Linear exitant radiance.
+    pub radiance: Vec<[f32; 3]>,
+    /// Variance of the mean of its channels, by two halves of the rays of both steps: one degree of freedom.
+    pub variance: Vec<f32>,
+    /// Rays of each place.
+    pub rays_each: u32,
+    /// Rays: their own count, apart from the rays of the transport and of cameras.
+    pub rays: u64,
+}
+
+/// An isosurface as a mesh.
+#[derive(Clone, Copy)]
+pub struct Surroundings<'a> {
+    /// The volume.
+    pub volume: &'a Volume,
+    /// Its pyramid.
+    pub pyramid: &'a Pyramid,
+    /// In the file's values.
+    pub isovalue: f64,
+    /// Its mesh, with normals.
+    pub mesh: &'a Mesh,
+    /// The triangles of the mesh.
+    pub triangles: &'a TriangleIndex<'a>,
+}
+
+/// The light of suns on an isosurface: direct light at its vertices, and what they send out all in all, about.
+pub struct SunLit<'a> {
+    surface: Surroundings<'a>,
+    albedo: [f32; 3],
+    /// Of each sun, at the vertices.
+    pub seen: Vec<SunVisibility>,
+    suns: Vec<Lamp>,
+    // Mean of D at the vertices, and R there by two halves of the rays; none where nothing is reflected.
+    direct: f64,
+    by_reflection: [Vec<[f32; 3]>; 2],
+    rays: u64,
+}
+
+const SEED: u64 = 0x7265_666c_6563_7421;
+const SEED_OF_FIRST: u64 = 0x6669_7273_7421;
+/// Independent estimates whose spread is the stated error.
+const REPLICATES: u32 = 4;
+
+/// Rays of a vertex in each half of the first step, and most of all vertices: what is kept of a hit takes 24 bytes.
+const FIRST_RAYS: u32 = 192;
+const FEWEST_FIRST_RAYS: u32 = 16;
+const MOST_FIRST: usize = 5 << 20;
+/// Turns of the solution at most, and the largest change, over the largest radiance, at which it ends.
+const TURNS: usize = 256;
+const SETTLED: f32 = 1e-4;
+
+/// Standard error that is aimed at, root mean square over the places, over their mean radiance.
+const AIM: f64 = 0.012;
+/// Places of the trial that tells how many rays that takes.
+const TRIAL: usize = 384;
+/// Bounds of the rays of a place, and most of all together.
+const FEWEST_RAYS: u32 = 32;
+const MOST_RAYS: u32 = 2048;
+const MOST_OF_ALL: u64 = 1 << 26;
+/// Places of one task.
+const TASK: usize = 64;
+
+/// Part of the sine of a sun's radius that its chance has beyond its cosine, so that one half below the horizon is found.
+const BELOW_HORIZON: f32 = 0.5;
+
+/// A sun for rays: its disk, what a visible cosine of it brings, and the sum of that over the channels.
+struct Lamp {
+    disk: Disk,
+    factor: [f32; 3],
+    strength: f32,
+}
+
+impl Lamp {
+    fn new(sun: &SunLight, albedo: [f32; 3]) -> Self {
+        let factor = |c: usize| (f64::from(albedo[c]) / std::f64::consts::PI * sun.flux[c]) as f32;
+        let factor = [factor(0), factor(1), factor(2)];
+        Self { disk: Disk::new(sun), factor, strength: factor.iter().sum::<f32>().max(0.0) }
+    }
+
+    /// About what it would bring unshadowed.
+    fn weight(&self, normal: Vec3) -> f32 {
+        let (cosine, sine) = (self.disk.towards().dot(normal), self.disk.sine());
+        if cosine > -sine { self.strength * (cosine.max(0.0) + BELOW_HORIZON * sine) } else { 0.0 }
+    }
+}
+
+/// Corners of a triangle that a ray met, and their weights there.
+#[derive(Clone, Copy)]
+struct Met {
+    triangle: [u32; 3],
+    weights: [f32; 3],
+}
+
+impl Met {
+    fn of(&self, values: &[[f32; 3]]) -> [f32; 3] {
+        let mut sum = [0.0; 3];
+        for (&v, w) in self.triangle.iter().zip(self.weights) {
+            (0..3).for_each(|c| sum[c] += w * values[v as usize][c]);
+        }
+        sum
+    }
+}
+
+impl<'a> SunLit<'a> {
+    /// Direct light at the vertices, and where the surface reflects to itself, the solution of the first step.
+    /// A grid without cells reflects nothing.
+    pub fn new(surface: Surroundings<'a>, lamps: &[SunLight], albedo: [f32; 3], reflects: bool) -> Self {
+        let Surroundings { volume, pyramid, isovalue, mesh, .. } = surface;
+        let count = mesh.positions_in_grid.len().min(mesh.normals.len());
+        let (positions, normals) = (&mesh.positions_in_grid[..count], &mesh.normals[..count]);
+        let seen: Vec<SunVisibility> =
+            lamps.iter().map(|sun| sun_visibility(volume, pyramid, isovalue, positions, normals, sun)).collect();
+        let suns: Vec<Lamp> = lamps.iter().map(|sun| Lamp::new(sun, albedo)).collect();
+        let of_sun = |(sun, seen): (&Lamp, &SunVisibility)| {
+            f64::from(sun.strength) / 3.0 * seen.lit.iter().map(|&v| f64::from(v)).sum::<f64>() / count.max(1) as f64
+        };
+        let direct = suns.iter().zip(&seen).map(of_sun).sum();
+        let rays = seen.iter().map(|seen| seen.counts.rays).sum();
+        let mut lit = Self { surface, albedo, seen, suns, direct, by_reflection: Default::default(), rays };
+        let has_cells = volume.dims().iter().all(|&d| d > 1);
+        if reflects && has_cells && albedo.iter().any(|&a| a > 0.0) && !lit.suns.is_empty() {
+            lit.by_reflection = [0, 1].map(|half| lit.solve(count, half));
+        }
+        lit
+    }
+
+    /// Rays so far.
+    pub fn rays(&self) -> u64 {
+        self.rays
+    }
+
+    /// R = G D + G R at the vertices, G of few rays each.
+    fn solve(&mut self, count: usize, half: u32) -> Vec<[f32; 3]> {
+        let each = (MOST_FIRST / count.max(1)).clamp(FEWEST_FIRST_RAYS as usize, FIRST_RAYS as usize) as u32;
+        let mesh = self.surface.mesh;
+        let scale: [f32; 3] = std::array::from_fn(|c| self.albedo[c] / each as f32);
+        let mut all: Vec<(Vec<Met>, [f32; 3])> = vec![Default::default(); count];
+        let parts: Vec<u64> = with_samples!(self.surface.volume.samples(), s => {
+            let field = &LevelField::new(self.surface.volume, s, self.surface.pyramid);
+            all.par_chunks_mut(TASK)
+                .enumerate()
+                .map(|(task, all)| {
+                    let mut counts = Counts::default();
+                    for (i, (met, once)) in all.iter_mut().enumerate() {
+                        let v = task * TASK + i;
+                        let place = (mesh.positions_in_grid[v], mesh.normals[v]);
+                        let sampler = PathSampler::new(SEED_OF_FIRST, v as u64, half);
+                        self.each_met(field, place, (&sampler, each), &mut counts, &mut |found, direct| {
+                            met.extend(found);
+                            (0..3).for_each(|c| once[c] += scale[c] * direct[c]);
+                        });
+                    }
+                    counts.rays
+                })
+                .collect()
+        });
+        self.rays += parts.iter().sum::<u64>();
+        let mut solution: Vec<[f32; 3]> = all.iter().map(|(_, once)| *once).collect();
+        let largest = solution.iter().flatten().copied().fold(0.0, f32::max);
+        for _ in 0..TURNS {
+            let turn = |(met, once): &(Vec<Met>, [f32; 3])| -> [f32; 3] {
+                let mut sum = [0.0f32; 3];
+                for found in met {
+                    let more = found.of(&solution);
+                    (0..3).for_each(|c| sum[c] += more[c]);
+                }
+                std::array::from_fn(|c| once[c] + scale[c] * sum[c])
+            };
+            let next: Vec<[f32; 3]> = all.par_iter().map(turn).collect();
+            let both = next.iter().flatten().zip(solution.iter().flatten());
+            let change = both.fold(0.0f32, |most, (a, b)| most.max((a - b).abs()));
+            solution = next;
+            if change <= SETTLED * largest {
+                break;
+            }
+        }
+        solution
+    }
+
+    /// Sends rays from a place about its normal, and tells of each that does not escape where on the mesh it arrives, if a
+    /// triangle is near, and D there by one ray to a sun.
+    fn each_met<T: Sample>(
+        &self,
+        field: &LevelField<'_, T>,
+        (position, normal): ([f32; 3], [f32; 3]),
+        (sampler, rays): (&PathSampler, u32),
+        counts: &mut Counts,
+        with: &mut impl FnMut(Option<Met>, [f32; 3]),
+    ) {
+        let Some(normal) = Normal::down_gradient(-Vec3::from_array(normal)) else { return };
+        let raw = self.surface.volume.raw_from_value(self.surface.isovalue) as f32;
+        let at = field.locate(position.map(f64::from));
+        let frame = Frame::around(normal);
+        let [directions, choices, places] = [0, 1, 2].map(|pair| sampler.sequence(pair));
+        for ray in 0..rays {
+            let direction = frame.from_local(warp::square_to_cosine_hemisphere(directions.point(ray)));
+            let (met, normal) = match field.trace(raw, &Start::on(at), field.direction_in_grid(direction), counts) {
+                Outcome::Escaped => continue,
+                // As in the bake: a hit of distance 0.
+                Outcome::Lost => (at, normal),
+                Outcome::Hit(hit) => match field.hit_normal(&hit.at) {
+                    Some(normal) => (hit.at, normal),
+                    None => continue,
+                },
+            };
+            let direct = self.ask(field, raw, (met, normal.vec()), [choices.point(ray), places.point(ray)], counts);
+            let nearest = self.surface.triangles.nearest(met.in_grid().to_array());
+            with(nearest.map(|(triangle, weights)| Met { triangle, weights }), direct);
+        }
+    }
+
+    /// D at a point of the level set by one ray to one of the suns, over its chance.
+    fn ask<T: Sample>(
+        &self,
+        field: &LevelField<'_, T>,
+        raw: f32,
+        (at, normal): (CellPoint, Vec3),
+        [choice, place]: [[f32; 2]; 2],
+        counts: &mut Counts,
+    ) -> [f32; 3] {
+        let total: f32 = self.suns.iter().map(|sun| sun.weight(normal)).sum();
+        if total.is_nan() || total <= 0.0 {
+            return [0.0; 3];
+        }
+        let (mut left, mut drawn) = (choice[0] * total, None);
+        for sun in &self.suns {
+            let own = sun.weight(normal);
+            if own > 0.0 {
+                drawn = Some((sun, own));
+                if left < own {
+                    break;
+                }
+            }
+            left -= own;
+        }
+        let Some((sun, own)) = drawn else { return [0.0; 3] };
+        let direction = sun.disk.direction(place);
+        let cosine = direction.dot(normal);
+        let sees = |counts: &mut Counts| {
+            field.trace(raw, &Start::on(at), field.direction_in_grid(direction), counts) == Outcome::Escaped
+        };
+        if cosine <= 0.0 || !sees(counts) {
+            return [0.0; 3];
+        }
+        let factor = cosine * total / own;
+        sun.factor.map(|f| f * factor)
+    }
+
+    /// One gather at some places, which are numbered as `which` says, and the mean of the part of the variance that its rays bring.
+    fn gather(&self, which: &[usize], positions: &[[f32; 3]], normals: &[[f32; 3]], rays: u32) -> (Reflected, f64) {
+        let each = rays / REPLICATES;
+        let mut found = vec![([0.0f32; 3], 0.0f32, 0.0f64); which.len()];
+        let parts: Vec<u64> = with_samples!(self.surface.volume.samples(), s => {
+            let field = &LevelField::new(self.surface.volume, s, self.surface.pyramid);
+            found
+                .par_chunks_mut(TASK)
+                .zip(which.par_chunks(TASK))
+                .map(|(found, which)| {
+                    let mut counts = Counts::default();
+                    for (found, &i) in found.iter_mut().zip(which) {
+                        let mut means = [[0.0f64; 3]; REPLICATES as usize];
+                        for (mean, replicate) in means.iter_mut().zip(0..) {
+                            let sampler = PathSampler::new(SEED, i as u64, replicate);
+                            self.each_met(field, (positions[i], normals[i]), (&sampler, each), &mut counts, &mut |met, direct| {
+                                let more = met.map_or([0.0; 3], |met| met.of(&self.by_reflection[replicate as usize % 2]));
+                                (0..3).for_each(|c| mean[c] += f64::from(direct[c] + more[c]));
+                            });
+                            (0..3).for_each(|c| mean[c] *= f64::from(self.albedo[c]) / f64::from(each));
+                        }
+                        *found = mean_and_variance(&means);
+                    }
+                    counts.rays
+                })
+                .collect()
+        });
+        let of_rays = found.iter().map(|(.., of_rays)| of_rays).sum::<f64>() / found.len().max(1) as f64;
+        let (radiance, variance) = found.into_iter().map(|(radiance, variance, _)| (radiance, variance)).unzip();
+        (Reflected { radiance, variance, rays_each: rays, rays: parts.iter().sum() }, of_rays)
+    }
+
+    /// What they bring by reflection at some places (grid space, unit normals in world), by as many rays as bring the standard
+    /// error to 1.2 % of the mean radiance, root mean square over the places: trials tell, within bounds. `rest`: the mean
+    /// radiance that comes from elsewhere.
+    ///
+    /// The numbers are a function of the places and their order: the same for any number of threads.
+    ///
+    /// # Panics
+    /// When there are not as many normals as positions.
+    pub fn reflected(&self, positions_in_grid: &[[f32; 3]], normals_in_world: &[[f32; 3]], rest: f64) -> Reflected {
+        let count = positions_in_grid.len();
+        assert_eq!(count, normals_in_world.len());
+        if self.by_reflection[0].is_empty() || count == 0 {
+            return Reflected { radiance: vec![[0.0; 3]; count], variance: vec![0.0; count], ..Reflected::default() };
+        }
+        let all: Vec<usize> = (0..count).collect();
+        let some: Vec<usize> = (0..count).step_by(count.div_ceil(TRIAL)).collect();
+        let mean_of = |values: &[[f32; 3]]| {
+            values.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3 * values.len().max(1)) as f64
+        };
+        let wanted = AIM * (rest.max(0.0) + self.direct + mean_of(&self.by_reflection[0]));
+        let allowed = (MOST_OF_ALL / count as u64).clamp(FEWEST_RAYS.into(), MOST_RAYS.into()) as u32;
+        let (mut rays, mut tried) = (FEWEST_RAYS, 0);
+        while 2 * rays <= allowed {
+            let (trial, variance) = self.gather(&some, positions_in_grid, normals_in_world, rays);
+            tried += trial.rays;
+            if variance.sqrt() <= wanted {
+                break;
+            }
+            rays *= 2;
+        }
+        let (found, _) = self.gather(&all, positions_in_grid, normals_in_world, rays);
+        Reflected { rays: found.rays + tried, ..found }
+    }
+}
+
+/// Of four estimates of which 0 and 2, and 1 and 3 share the first step: their mean, the variance of its grey by the
+/// two pairs, and the part of it that differs within pairs.
+fn mean_and_variance(means: &[[f64; 3]; REPLICATES as usize]) -> ([f32; 3], f32, f64) {
+    let mean: [f64; 3] = std::array::from_fn(|c| means.iter().map(|m| m[c]).sum::<f64>() / f64::from(REPLICATES));
+    let [a, b, c, d] = means.map(|m| (m[0] + m[1] + m[2]) / 3.0);
+    // Each of variance v of its own and a pair t in common: the mean has v/4 + t/2, as (A − B)²/4 of the pairs' means.
+    let between = (0.5 * (a + c) - 0.5 * (b + d)).powi(2) / 4.0;
+    let within = ((a - c).powi(2) + (b - d).powi(2)) / 16.0;
+    (mean.map(|v| v as f32), between as f32, within)
+}
