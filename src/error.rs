@@ -120,6 +120,7 @@ pub enum Error {
 
 impl Error {
     /// The kind, the sentence, and the parts that it is made of, for programs.
+    #[doc(hidden)]
     pub fn to_json(&self) -> Value {
         let (kind, parts) = self.parts();
         let mut all = Map::new();

@@ -356,6 +356,7 @@ impl<'a> Request<'a> {
     ///
     /// # Errors
     /// [`Error::Limit`] with what sets the bound.
+    #[doc(hidden)]
     pub fn check_memory(&self) -> Result<()> {
         memory::check(&format!("the bake of {}", self.label), self.bytes_needed(), self.memory_limit)
     }

@@ -70,6 +70,7 @@ impl LatLong {
     ///
     /// # Errors
     /// When the angle is not finite.
+    #[doc(hidden)]
     pub fn turned(&self, degrees: f64) -> Result<Self> {
         let probe_from_turned = Orientation::new(Up::Y, degrees)?.probe_from_world();
         let (width, height) = (self.width(), self.height());

@@ -127,6 +127,7 @@ impl Probe {
     ///
     /// # Panics
     /// As [`Probe::coefficients`].
+    #[doc(hidden)]
     pub fn projection_json(&self, bands: usize) -> serde_json::Value {
         let [r, g, b] = self.coefficients(bands);
         let rows: Vec<[f64; 3]> = (0..bands * bands).map(|i| [r.values()[i], g.values()[i], b.values()[i]]).collect();

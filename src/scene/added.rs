@@ -86,6 +86,7 @@ impl Scene {
     ///
     /// # Errors
     /// As [`Scene::with_medium`] and [`Scene::with_body`].
+    #[doc(hidden)]
     pub fn with_added(self, fog: Option<Fog>, translucent: Option<Translucent>, effects: &Effects) -> Result<Self> {
         let mut scene = self;
         let is_on = effects.switched("media") != Some(false);
@@ -108,6 +109,7 @@ impl Scene {
     ///
     /// # Errors
     /// When something stands around the volume.
+    #[doc(hidden)]
     pub fn fix_environment(&mut self, probe: &Probe, turned: f64, frame: EnvFrame) -> Result<()> {
         let remedy = "write it into the scene: [[luminaires]] with shape = \"environment\" and image";
         let [member] = self.members_mut() else {

@@ -88,6 +88,7 @@ impl Effects {
     }
 
     /// Which shadows count.
+    #[doc(hidden)]
     pub fn shadowing(&self) -> Shadowing {
         match self.switched("shadowing") {
             None => Shadowing::Found,

@@ -9,6 +9,7 @@ use crate::geom::Up;
 use crate::volume::isovalue::{Chosen, number};
 use crate::volume::{Choice, Isovalue, Note, ReadHint, Shadowing, Solid, Volume, field, open_with};
 use std::path::Path;
+use std::str::FromStr;
 use std::sync::Arc;
 
 /// What decides which side of a volume is its front, for views and for glTF.
@@ -102,6 +103,21 @@ pub struct NamedIsovalue {
     pub isovalue: Isovalue,
 }
 
+impl FromStr for NamedIsovalue {
+    /// What to give instead.
+    type Err = String;
+
+    /// Reads an isovalue, or `NAME=C`.
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let of = |text: &str| text.parse::<Isovalue>().map_err(|e| e.to_string());
+        match text.split_once('=') {
+            Some((name, _)) if name.trim().is_empty() => Err(format!("`{text}`: give NAME=C, such as inner=0.5")),
+            Some((name, isovalue)) => Ok(Self { volume: Some(name.trim().into()), isovalue: of(isovalue)? }),
+            None => Ok(Self { volume: None, isovalue: of(text)? }),
+        }
+    }
+}
+
 /// A volume and what is known of it besides its samples: a scene has one or several.
 #[derive(Clone, Debug)]
 pub struct Member {
@@ -151,6 +167,7 @@ impl Member {
     ///
     /// # Errors
     /// As [`Self::settle`] and [`Self::check_all`].
+    #[doc(hidden)]
     pub fn settle_in(&mut self, asked: &[Isovalue], scene: Option<&SceneFile>) -> Result<Option<Vec<Chosen>>> {
         if asked.is_empty() {
             self.check_all()?;

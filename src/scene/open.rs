@@ -151,6 +151,7 @@ impl Scene {
     ///
     /// # Errors
     /// When none is called so, or there is one alone.
+    #[doc(hidden)]
     pub fn member_named(&self, name: &str) -> Result<usize> {
         let several = || self.members.iter().filter(|member| member.is_among_others());
         if let Some(found) = several().position(|member| member.volume.name == name) {
@@ -382,6 +383,7 @@ impl SceneFile {
     }
 
     /// The isovalues that it lists, as written: where there are none, those of the first volume in the pairs of the coupling.
+    #[doc(hidden)]
     pub fn listed_isovalues(&self) -> Vec<String> {
         match &self.description.coupling {
             Some(Located { value: Coupling::Rows(rows), .. }) if self.description.isovalues.is_empty() => {
@@ -392,6 +394,7 @@ impl SceneFile {
     }
 
     /// Bands of the layers; none where it does not say.
+    #[doc(hidden)]
     pub fn bands(&self) -> Vec<u8> {
         self.description.bake.bands.iter().map(|&b| b as u8).collect()
     }

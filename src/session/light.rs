@@ -81,6 +81,7 @@ pub enum LightNote {
 
 impl LightNote {
     /// In a sentence about the environment of this name.
+    #[doc(hidden)]
     pub fn sentence(&self, probe: &str) -> String {
         match self {
             LightNote::NoSun(why) => format!("{probe}: no sun was split off: {why}"),

@@ -231,6 +231,7 @@ impl<'a> Session<'a> {
     ///
     /// # Errors
     /// When no volume has the name, no surface the isovalue, or it has no partner.
+    #[doc(hidden)]
     pub fn choose(&self, named: &NamedIsovalue) -> Result<(Chosen, Vec<f64>)> {
         let from = named.volume.as_ref().map_or(Ok(0), |name| self.member(name)).map_err(as_option)?;
         let members = self.members();

@@ -393,6 +393,7 @@ impl Volume {
     ///
     /// # Errors
     /// When all samples are the same, and an empty store is not accepted.
+    #[doc(hidden)]
     pub fn check_surface(&self, allow_empty: bool) -> Result<bool> {
         let (low, high) = self.value_range();
         if low < high || allow_empty {

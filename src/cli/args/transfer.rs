@@ -1,7 +1,6 @@
 //! What a bake computes, as options: shared by `plan`, `bake` and the lazy bake of `relight`.
 
 use crate::bake::{Estimator, Quality};
-use crate::cli::args::isovalue::Isovalue;
 use crate::cli::args::volume::VolumeArgs;
 use crate::error::{Error, Result};
 pub(in crate::cli) use crate::quantity::{parse_bytes, parse_time};
@@ -9,6 +8,7 @@ use crate::scene::{EffectSwitch, Effects, Fog, Scene, SceneFile, TextureSize, Tr
 use crate::sh::MAX_BANDS;
 use crate::transfer::MAX_LAYERS;
 use crate::transport::REPLICATES;
+use crate::volume::Isovalue;
 
 /// Quality of a transfer texture.
 #[derive(clap::Args, Clone, Debug)]

@@ -2,7 +2,6 @@
 
 use crate::bake::{Estimator, ForLight, Hints, Quality, Share, Writing};
 use crate::cache::for_light;
-use crate::cli::args::isovalue::tell;
 use crate::cli::args::transfer::{BakeArgs, parse_texel, parse_time};
 use crate::cli::args::volume::VolumeArgs;
 use crate::cli::commands::pack;
@@ -21,6 +20,7 @@ use crate::study::model::ENOUGH;
 use crate::transfer::Layers;
 use crate::transfer::store::{PackError, Replacement, StoreOptions, kind};
 use crate::volume::Volume;
+use crate::volume::isovalue::Chosen;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -227,7 +227,7 @@ impl Bake {
         if is_empty {
             console.note("every sample is the same: no surface, the store is empty");
         }
-        tell(console, chosen.as_deref().unwrap_or_default());
+        chosen.iter().flatten().flat_map(Chosen::notes).for_each(|text| console.note(text));
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let mut job = quality.request(opened, isovalues, lights)?;
         job.hints = Hints::of_scene(scene, volume.value_range(), job.isovalues.as_deref());

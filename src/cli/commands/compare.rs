@@ -1,7 +1,6 @@
 //! `isolume compare`: the store's answer against paths and photons on the same surface, and why they differ.
 
 use crate::cli::args::comparison::PictureOutput;
-use crate::cli::args::isovalue::{NamedIsovalue, parse_named};
 use crate::cli::args::light::parse_triple;
 use crate::cli::args::photons::PhotonArgs;
 use crate::cli::failure::Outcome;
@@ -10,7 +9,7 @@ use crate::cli::present::text;
 use crate::compare::{Asked, Compared, Figure, Subject, subjects};
 use crate::export::inputs::Inputs;
 use crate::probe::{EnvFrame, SunSplit};
-use crate::scene::{Effects, Fog, Scene, SceneFile, VolumeOptions, open_probe};
+use crate::scene::{Effects, Fog, NamedIsovalue, Scene, SceneFile, VolumeOptions, open_probe};
 use crate::session::{LuminaireFactor, check_factors};
 use crate::transfer::store::{Store, check_store};
 use serde_json::json;
@@ -38,7 +37,7 @@ pub(in crate::cli) struct Compare {
     /// volumes baked together isovalues are those of the first, NAME=C is that of another, and all surfaces that belong
     /// to it are compared
     #[arg(short, long, visible_alias = "isovalues", value_name = "[NAME=]C[,…]", value_delimiter = ',')]
-    #[arg(required = true, allow_hyphen_values = true, value_parser = parse_named)]
+    #[arg(required = true, allow_hyphen_values = true)]
     isovalue: Vec<NamedIsovalue>,
     /// Environment: an image file or a name, as relight takes it
     #[arg(short, long, value_name = "PROBE", required = true)]

@@ -1,6 +1,5 @@
 //! `isolume info`: what is in a volume or a store.
 
-use crate::cli::args::isovalue::Chosen;
 use crate::cli::args::volume;
 use crate::cli::args::volume::VolumeArgs;
 use crate::cli::commands::watch::follow;
@@ -11,6 +10,7 @@ use crate::error::Error;
 use crate::file::file_name;
 use crate::inspect::{StoreFacts, VolumeFacts, solid_text};
 use crate::transfer::store::is_store;
+use crate::volume::isovalue::Chosen;
 use crate::volume::{Series, Volume};
 use std::time::Duration;
 

@@ -1,6 +1,5 @@
 //! `isolume study`: what accuracy costs in time on the user's own volume, measured.
 
-use crate::cli::args::isovalue::Isovalue;
 use crate::cli::args::light::parse_triple;
 use crate::cli::args::transfer::parse_bytes;
 use crate::cli::args::volume::VolumeArgs;
@@ -16,6 +15,7 @@ use crate::probe::Orientation;
 use crate::scene::{Effects, Scene, SceneFile, environment};
 use crate::study::figure::{rungs, seconds_at};
 use crate::study::sweep::{Sweep, Swept};
+use crate::volume::Isovalue;
 use std::path::PathBuf;
 
 /// Show what accuracy costs in time: bake one surface in many ways and compare each with
