@@ -98,6 +98,7 @@ impl Effects {
     }
 
     /// Whether nothing was switched.
+    #[doc(hidden)]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }

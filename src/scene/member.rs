@@ -44,6 +44,7 @@ impl VolumeOptions {
     ///
     /// # Errors
     /// When an anatomical front is asked for with another axis up than z.
+    #[doc(hidden)]
     pub fn up_of(&self, found: Up) -> Result<Up> {
         let up = match self.up {
             Some(Up::Z) if found.is_anatomical() => found,
@@ -73,6 +74,7 @@ impl VolumeOptions {
     ///
     /// # Errors
     /// Names the first such option that is set.
+    #[doc(hidden)]
     pub fn refuse_for(&self, what: &str) -> Result<()> {
         let given = [
             ("--spacing", self.choice.spacing.is_some()),
@@ -215,16 +217,19 @@ impl Member {
     }
 
     /// The volume, to change it.
+    #[doc(hidden)]
     pub fn volume_mut(&mut self) -> &mut Volume {
         Arc::make_mut(&mut self.volume)
     }
 
     /// Whether the side that is matter was given, or follows from other volumes.
+    #[doc(hidden)]
     pub fn has_side(&self) -> bool {
         self.side_is_given || self.among.is_some()
     }
 
     /// Whether other volumes stand beside it.
+    #[doc(hidden)]
     pub fn is_among_others(&self) -> bool {
         self.among.is_some()
     }
@@ -250,6 +255,7 @@ impl Member {
     ///
     /// # Errors
     /// When no volume has the name, or no surface the isovalue.
+    #[doc(hidden)]
     pub fn choose_named(&self, volume: Option<&str>, isovalue: Isovalue) -> Result<Chosen> {
         match (&self.among, volume) {
             (Some(among), Some(name)) => among.resolve_named(name, isovalue, &self.volume, self.default_isovalue),
@@ -262,6 +268,7 @@ impl Member {
     ///
     /// # Errors
     /// When no surface has one of them, or they are of different sides.
+    #[doc(hidden)]
     pub fn settle(&mut self, isovalues: &[Isovalue], at: &dyn Fn(usize, Error) -> Error) -> Result<Vec<Chosen>> {
         check_count(isovalues.len())?;
         let mut all = Vec::new();
@@ -283,6 +290,7 @@ impl Member {
     ///
     /// # Errors
     /// When they are of different sides.
+    #[doc(hidden)]
     pub fn take_side(&mut self, chosen: &[Chosen]) -> Result<()> {
         let Some(first) = chosen.first() else { return Ok(()) };
         if let Some(other) = chosen.iter().find(|c| c.solid != first.solid) {
@@ -315,6 +323,7 @@ impl Member {
     ///
     /// # Errors
     /// When the largest part of the solid alone is to stay.
+    #[doc(hidden)]
     pub fn check_all(&self) -> Result<()> {
         if !self.keep_largest {
             return Ok(());

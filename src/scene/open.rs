@@ -212,6 +212,7 @@ impl SceneFile {
     ///
     /// # Errors
     /// As [`SceneDescription::parse`].
+    #[doc(hidden)]
     pub fn from_text(text: &str, name: &str) -> Result<Self> {
         Ok(Self { description: SceneDescription::parse(text, name)?, folder: PathBuf::new() })
     }
@@ -360,12 +361,14 @@ impl SceneFile {
     }
 
     /// A path from the folder of the scene, or the name of a field, as [`Member::open`] takes it.
+    #[doc(hidden)]
     pub fn place_of(&self, name: &str) -> String {
         let is_field = !matches!(field::by_name(name), Ok(None));
         if is_field { name.to_string() } else { self.folder.join(name).display().to_string() }
     }
 
     /// The environment as [`crate::probe::open`] takes it: a name, or a path; where there is none but luminaires, [`DARK`].
+    #[doc(hidden)]
     pub fn environment(&self) -> Option<String> {
         let Some(probe) = self.description.probe.as_ref() else {
             // Luminaires are light enough.
@@ -400,6 +403,7 @@ impl SceneFile {
     }
 
     /// All files that it names.
+    #[doc(hidden)]
     pub fn files(&self) -> Vec<PathBuf> {
         let description = &self.description;
         let volumes = description.volumes.iter().map(|volume| &volume.volume.value);
@@ -421,6 +425,7 @@ impl SceneFile {
 }
 
 /// An environment that is fixed before the bake, as it stands in the world.
+#[doc(hidden)]
 pub fn distant_light(probe: &Probe, orientation: Orientation) -> DistantLight {
     let image = &probe.image;
     let (mut hasher, mut total) = (blake3::Hasher::new(), [0.0f64; 3]);
