@@ -4,11 +4,11 @@ use crate::bake::{Estimator, ForLight, Hints, Quality, Share, Writing};
 use crate::cache::for_light;
 use crate::cli::args::transfer::{BakeArgs, parse_texel, parse_time};
 use crate::cli::args::volume::VolumeArgs;
-use crate::cli::commands::pack;
+use crate::cli::commands::{pack, replay};
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::present::console::Console;
 use crate::cli::present::lent::{clock, fill};
-use crate::cli::present::{baked, replay, text};
+use crate::cli::present::{baked, text};
 use crate::error::Error;
 use crate::file::{file_name, size_on_disk};
 use crate::probe::{EnvFrame, Orientation};
@@ -175,7 +175,7 @@ impl Bake {
 
     /// Opens what is to be baked.
     fn open(&self) -> Outcome<Scene> {
-        let mut scene = self.bake.transfer.open(&self.input, self.scene.as_ref(), &self.volume)?;
+        let mut scene = self.bake.transfer.scene(&self.volume).open(&self.input, self.scene.as_ref())?;
         match &self.fixed_env {
             Some(name) => {
                 let probe = open_probe(name, false, None)?;

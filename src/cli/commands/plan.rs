@@ -49,7 +49,7 @@ pub(in crate::cli) struct Plan {
 impl Plan {
     pub(in crate::cli) fn run(&self, seed: u64, console: &Console) -> Outcome {
         let transfer = &self.bake.transfer;
-        let mut scene = transfer.open(&self.input, self.scene.as_ref(), &self.volume)?;
+        let mut scene = transfer.scene(&self.volume).open(&self.input, self.scene.as_ref())?;
         let (mut plans, mut isovalues) = (Vec::new(), Vec::new());
         for member in 0..scene.members().len() {
             let (plan, chosen) = self.run_member(&mut scene, member, seed, console)?;

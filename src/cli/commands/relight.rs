@@ -14,7 +14,7 @@ use crate::error::Error;
 use crate::export::inputs::Inputs;
 use crate::lit::{Host, Job};
 use crate::probe::{Probe, SunSplit};
-use crate::scene::{NamedIsovalue, SceneFile, VolumeOptions, open_probe};
+use crate::scene::{NamedIsovalue, SceneFile, open_probe};
 use crate::session::MeshOptions;
 use crate::transfer::store::{Holdings, Store};
 use std::path::PathBuf;
@@ -136,10 +136,8 @@ impl Relight {
             outputs: &self.output,
             inputs: &inputs,
             allow_empty: self.allow_empty,
-            volume: VolumeOptions { shadowing: quality.effects.shadowing(), ..self.volume.options() },
+            how: self.transfer.scene(&self.volume),
             quality,
-            fog: self.transfer.fog,
-            translucent: self.transfer.translucent,
             light: self.light.options(SunSplit::Auto),
             sun_split: self.light.sun_split,
             luminaires: &self.light.luminaires,

@@ -115,7 +115,7 @@ impl View {
             }
             return Ok((self.choose(Store::open(&self.input)?, console)?, None));
         }
-        let mut scene = self.transfer.open(&self.input, self.scene.as_ref(), &self.volume)?;
+        let mut scene = self.transfer.scene(&self.volume).open(&self.input, self.scene.as_ref())?;
         if let Some(name) = &self.of_volume {
             scene.member_named(name)?;
         }
