@@ -120,6 +120,7 @@ pub enum Error {
 
 impl Error {
     /// The kind, the sentence, and the parts that it is made of, for programs.
+    #[doc(hidden)]
     pub fn to_json(&self) -> Value {
         let (kind, parts) = self.parts();
         let mut all = Map::new();
@@ -222,6 +223,7 @@ impl Error {
 
     /// What a reader makes of a failed read from its stream: the end of the stream is a
     /// truncated file, a format error; anything else is the system's and carries no path yet.
+    #[doc(hidden)]
     pub fn from_read(format: &'static str, wanted: impl Into<String>, source: io::Error) -> Self {
         match source.kind() {
             io::ErrorKind::UnexpectedEof | io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput => Self::format(

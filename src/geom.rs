@@ -179,6 +179,7 @@ impl Bounds {
 
     /// The smallest box around this one and `p`.
     #[must_use]
+    #[doc(hidden)]
     pub fn including(self, p: DVec3) -> Self {
         Self { min: self.min.min(p), max: self.max.max(p) }
     }
@@ -219,6 +220,7 @@ impl Up {
     /// For z it is (x, y, z) → (x, z, −y); for the other axes the rotation by a quarter or half
     /// turn that takes the axis to +Y. For a patient's frame it is (x, y, z) → (−x, z, y):
     /// anterior is +Z, which cameras see from the front, and the patient's left +X.
+    #[doc(hidden)]
     pub fn gltf_from_world(self) -> DMat3 {
         // Rows written as the images of (x, y, z); `from_cols` takes the transpose.
         let rows = match self {

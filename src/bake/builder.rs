@@ -8,7 +8,7 @@ use crate::volume::Isovalue;
 use std::path::Path;
 
 /// A bake of all volumes of a scene: of all isovalues, 4 layers of 8, 5, 4 and 3 bands, as many texels as samples, as many rays as
-/// [`Goal::usual`] needs, unless told otherwise. Named isovalues are baked at the vertices of their isosurfaces. The same bake into the same store goes on where it stopped, and ends with the same bytes.
+/// [`Goal::usual`](super::Goal::usual) needs, unless told otherwise. Named isovalues are baked at the vertices of their isosurfaces. The same bake into the same store goes on where it stopped, and ends with the same bytes.
 ///
 /// ```
 /// use isolume::bake::{Bake, Silent};

@@ -133,6 +133,7 @@ impl Quality {
 
 impl Hints {
     /// What a scene says of the light to come, of some isovalues or of all.
+    #[doc(hidden)]
     pub fn of_scene(scene: Option<&SceneFile>, range: (f64, f64), isovalues: Option<&[f64]>) -> Self {
         let Some(file) = scene else { return Self::default() };
         let scene = &file.description;

@@ -98,21 +98,25 @@ const MISSED: f64 = 1.1;
 
 impl Report {
     /// Whether something stood around the volume.
+    #[doc(hidden)]
     pub fn is_scene(&self) -> bool {
         !self.summary.gains.is_empty()
     }
 
     /// The albedo that the bound is stated for.
+    #[doc(hidden)]
     pub fn known_albedo(&self) -> f64 {
         f64::from(self.albedo.unwrap_or(0.7))
     }
 
     /// What the standard errors are of.
+    #[doc(hidden)]
     pub fn error_of(&self) -> String {
         self.target.as_ref().map_or("Σ a_k".into(), |t| t.of.replace(ESCAPE, "Σ a_k and a_0"))
     }
 
     /// By how much the error that was aimed at is missed, where paths did not suffice.
+    #[doc(hidden)]
     pub fn missed_goal(&self) -> Option<String> {
         let (target, reached) = (self.target.as_ref()?, self.summary.errors.rms());
         (reached > MISSED * target.error).then(|| {
@@ -127,6 +131,7 @@ impl Report {
     }
 
     /// What of the light is missing because paths were cut among mirrors and glass, where it is more than a trifle.
+    #[doc(hidden)]
     pub fn cut_paths(&self) -> Option<String> {
         let counts = &self.summary.scene;
         let share = (counts.lost_specular + counts.lost_turns) as f64 / self.summary.paths.max(1) as f64;
@@ -142,6 +147,7 @@ impl Report {
     }
 
     /// First rays of all paths, and the rays that came after: bounces, and with `gather` what fills and checks its cache.
+    #[doc(hidden)]
     pub fn rays_by_effect(&self) -> [u64; 2] {
         let s = &self.summary;
         match self.is_scene() {
@@ -151,6 +157,7 @@ impl Report {
     }
 
     /// For programs, with the bytes of the store.
+    #[doc(hidden)]
     pub fn to_json(&self, store_bytes: u64) -> Value {
         let s = &self.summary;
         json!({

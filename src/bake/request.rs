@@ -46,6 +46,7 @@ pub struct Writing {
 impl Writing {
     /// Of stores in the cache folder: they can be made again, their name says whose they are, and a command looks only at
     /// what it needs of them.
+    #[doc(hidden)]
     pub fn of_cache() -> Self {
         Self { sync: false, repair: true, verify_all: false }
     }
@@ -194,6 +195,7 @@ impl<'a> Request<'a> {
 
 impl<'a> Request<'a> {
     /// What decides the store's numbers.
+    #[doc(hidden)]
     pub fn identity(&self) -> Identity {
         let (positive, seed) = (self.settings.positive, self.settings.seed);
         let identity = Identity::new(self.volume, &self.layout, self.estimator_identity(), positive, seed);
@@ -246,6 +248,7 @@ impl<'a> Request<'a> {
     }
 
     /// What the estimators read, of some texels.
+    #[doc(hidden)]
     pub fn bake<'b>(&'b self, pyramid: &'b Pyramid, settings: &'b Settings, selection: &'b Selection) -> Bake<'b> {
         let caustics = self.has_caustics();
         let bake = Bake::new(self.volume, pyramid, &self.layout, settings, selection).among(self.geometry);
@@ -257,6 +260,7 @@ impl<'a> Request<'a> {
     ///
     /// # Errors
     /// As [`SpecularPhotons::new`].
+    #[doc(hidden)]
     pub fn specular_photons(&self, pyramid: &Pyramid) -> Result<Option<SpecularPhotons>> {
         if !self.has_caustics() {
             return Ok(None);
@@ -293,6 +297,7 @@ impl<'a> Request<'a> {
     }
 
     /// The texels that the isovalues asked for need; all vertices of a surface.
+    #[doc(hidden)]
     pub fn selection(&self) -> Selection {
         if self.points.is_some() {
             return Selection::all(self.layout.lattice);
@@ -305,6 +310,7 @@ impl<'a> Request<'a> {
     ///
     /// # Errors
     /// When the store is there and cannot be read; damaged metadata is mended by the bake and no error.
+    #[doc(hidden)]
     pub fn texels_missing(&self, path: &Path) -> Result<u64> {
         let all = || match self.surfaces() {
             None => Ok(self.selection().len()),
@@ -342,6 +348,7 @@ impl<'a> Request<'a> {
     }
 
     /// Bytes that the bake needs at most, groups and partners of its scene included.
+    #[doc(hidden)]
     pub fn bytes_needed(&self) -> u64 {
         let needed = bytes_of_bake(self.volume, &self.layout, self.isovalues.as_ref().map_or(1, Vec::len));
         let groups = self.geometry.map_or(0, |geometry| scene::bytes_of_groups(&self.layout.layers, geometry));
@@ -356,6 +363,7 @@ impl<'a> Request<'a> {
     ///
     /// # Errors
     /// [`Error::Limit`] with what sets the bound.
+    #[doc(hidden)]
     pub fn check_memory(&self) -> Result<()> {
         memory::check(&format!("the bake of {}", self.label), self.bytes_needed(), self.memory_limit)
     }
@@ -401,6 +409,7 @@ impl<'a> Request<'a> {
     ///
     /// # Errors
     /// Those of the trial: a volume without cells, rays that are no power of two.
+    #[doc(hidden)]
     pub fn plan(&self, pyramid: &Pyramid) -> Result<scenes::Plan> {
         self.plan_of(pyramid, &self.selection(), self.isovalues.as_deref(), self.settings.rays, self.hints)
     }

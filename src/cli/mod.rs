@@ -1,4 +1,4 @@
-//! The command line: options ([`args`]), commands ([`commands`]) and what is printed ([`present`]). It uses the library through
+//! The command line: options (`args`), commands (`commands`) and what is printed (`present`). It uses the library through
 //! its public interface, and alone reads the clock, starts threads and finds the folder of the cache.
 //!
 //! Results go to standard output, progress and notes to standard error. Exit code 0: done; 2: the command

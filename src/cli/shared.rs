@@ -1,3 +1,3 @@
 //! What the Python package shares with the program.
 
-pub(crate) use crate::cli::commands::cache::{locate, prepare};
+pub(crate) use crate::cli::commands::cache::ready;

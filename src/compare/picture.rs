@@ -1,10 +1,11 @@
 //! Pictures of a comparison: the store, the reference, and their difference in false colours.
 
 use super::{LitSurface, PhotonQuestion, Question, by_store};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::export::gltf::{GltfOptions, Scalars};
 use crate::export::png::PngOptions;
 use crate::export::sheet::{SheetStyle, Tile, contact_sheet};
+use crate::export::target::targets;
 use crate::export::{Image, atomic, gltf, png};
 use crate::quantity::{number, percent};
 use crate::relight::Exposure;
@@ -13,10 +14,89 @@ use crate::scene::Colormap;
 use crate::session::Isosurface;
 use crate::transport::{Radiance, SurfacePoint, buried};
 use serde_json::json;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Behind the surface: a dark grey, on which white stands out.
 const BACKGROUND: [f32; 4] = [0.025, 0.03, 0.037, 1.0];
+
+/// Which files to write, as names or patterns of names with `{isovalue}` and `{env}`.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PicturePatterns<'a> {
+    /// Store, reference and difference, side by side.
+    pub png: Option<&'a Path>,
+    /// The surface with the difference as vertex colours.
+    pub glb: Option<&'a Path>,
+    /// The surface as the reference lights it.
+    pub direct: Option<&'a Path>,
+}
+
+/// The files of one surface under one light.
+#[derive(Clone, Debug, Default)]
+pub struct PictureFiles {
+    png: Option<PathBuf>,
+    glb: Option<PathBuf>,
+    direct: Option<PathBuf>,
+}
+
+/// How a picture is taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PictureLook {
+    /// From where.
+    pub view: View,
+    /// Parallel or perspective.
+    pub projection: Projection,
+    /// Of each of the three pictures.
+    pub size: (usize, usize),
+    /// The difference, over the mean radiance, that shows in full colour; what 98 % of it is below, if none.
+    pub scale: Option<f64>,
+}
+
+impl PicturePatterns<'_> {
+    /// The files to write, isovalue-major; each can be written.
+    ///
+    /// # Errors
+    /// When a name has the ending of another format or two files are one, or as [`targets`].
+    pub fn files(&self, name: &str, isovalues: &[f64], environments: &[String]) -> Result<Vec<PictureFiles>> {
+        let of = |path: Option<&Path>, suffix: &str| -> Result<Vec<Option<PathBuf>>> {
+            let Some(path) = path else { return Ok(vec![None; isovalues.len() * environments.len()]) };
+            if path.extension().is_none_or(|e| e != suffix) {
+                let expected = format!("a name ending in .{suffix}");
+                return Err(Error::argument("output", path.display(), expected, "the ending decides the format"));
+            }
+            Ok(targets(path, name, isovalues, environments)?.into_iter().map(|target| Some(target.path)).collect())
+        };
+        if let (Some(difference), Some(direct)) = (self.glb, self.direct)
+            && difference == direct
+        {
+            let expected = "a file of its own, beside that of --glb";
+            return Err(Error::argument("--direct", direct.display(), expected, "give another name"));
+        }
+        let (pngs, glbs, directs) = (of(self.png, "png")?, of(self.glb, "glb")?, of(self.direct, "glb")?);
+        let all = pngs.into_iter().zip(glbs).zip(directs);
+        Ok(all.map(|((png, glb), direct)| PictureFiles { png, glb, direct }).collect())
+    }
+
+    /// Refuses files of several volumes.
+    ///
+    /// # Errors
+    /// When one is asked for.
+    pub fn refuse(&self) -> Result<()> {
+        match self.png.or(self.glb).or(self.direct) {
+            None => Ok(()),
+            Some(path) => {
+                let expected = "one volume: a picture of a comparison shows one";
+                Err(Error::argument("output", path.display(), expected, "add --volume NAME"))
+            }
+        }
+    }
+}
+
+impl PictureFiles {
+    /// Where they are.
+    pub fn paths(&self) -> impl Iterator<Item = &Path> {
+        self.png.iter().chain(&self.glb).chain(&self.direct).map(PathBuf::as_path)
+    }
+}
 
 /// What is shown.
 #[derive(Clone, Copy)]
@@ -53,18 +133,19 @@ fn point_of(seen: &SeenPoint) -> SurfacePoint {
 }
 
 impl Shown<'_> {
-    /// Writes store, reference and difference side by side, as a camera sees the surface; `size` is that of each. `scale`: the
-    /// difference, over the mean radiance, that shows in full colour; what 98 % of it is below, if none.
+    /// Computes both answers anew at the pixels and at the vertices, and writes these files.
     ///
     /// # Errors
-    /// As the answers; when the file cannot be written.
-    pub fn write_png(
-        &self,
-        path: &Path,
-        (view, projection): (View, Projection),
-        (width, height): (usize, usize),
-        scale: Option<f64>,
-    ) -> Result<()> {
+    /// As the answers; when a file cannot be written.
+    pub fn write(&self, files: &PictureFiles, look: &PictureLook) -> Result<()> {
+        files.png.as_ref().map_or(Ok(()), |path| self.write_png(path, look))?;
+        files.glb.as_ref().map_or(Ok(()), |path| self.write_glb(path, look.scale))?;
+        files.direct.as_ref().map_or(Ok(()), |path| self.write_direct(path))
+    }
+
+    /// Store, reference and difference side by side, as a camera sees the surface.
+    fn write_png(&self, path: &Path, look: &PictureLook) -> Result<()> {
+        let PictureLook { view, projection, size: (width, height), scale } = *look;
         let (q, mean) = (&self.question.surface, self.mean);
         png::check_size((3 * width, height), None)?;
         let camera = self.surface.camera(q.volume, q.volume.up, view, projection, width as f64 / height as f64);
@@ -104,11 +185,8 @@ impl Shown<'_> {
         atomic::write(path, |w| png::write(w, &sheet, &options))
     }
 
-    /// Writes the surface with the difference as vertex colours.
-    ///
-    /// # Errors
-    /// As the answers; when the file cannot be written.
-    pub fn write_glb(&self, path: &Path, scale: Option<f64>) -> Result<()> {
+    /// The surface with the difference as vertex colours.
+    fn write_glb(&self, path: &Path, scale: Option<f64>) -> Result<()> {
         let (q, surface, mean) = (&self.question.surface, self.surface, self.mean);
         let found = self.differences(&self.vertices())?;
         let scale = scale.unwrap_or_else(|| found.natural_scale());
@@ -129,10 +207,7 @@ impl Shown<'_> {
     }
 
     /// The reference itself, exposed, as a file like those of relight.
-    ///
-    /// # Errors
-    /// As the answer; when the file cannot be written.
-    pub fn write_direct(&self, path: &Path) -> Result<()> {
+    fn write_direct(&self, path: &Path) -> Result<()> {
         let (q, surface) = (&self.question.surface, self.surface);
         let (radiance, errors) = self.reference_at_vertices()?;
         let exposure = Exposure::Percentile.factor(&radiance);

@@ -13,7 +13,7 @@ use crate::probe::{MOST_SUNS, Probe, SunOptions, SunSplit, split_sun};
 use crate::quantity::{number, percent};
 use crate::render::Viewpoint;
 use crate::scene::geometry::Geometry;
-use crate::scene::{Fog, NamedIsovalue, Scene, SceneFile, Translucent, VolumeOptions, check_count};
+use crate::scene::{NamedIsovalue, SceneFile, SceneOptions, VolumeOptions, check_count};
 use crate::session::{
     LightOptions, LuminaireFactor, MaterialChoice, MeshOptions, Part, PictureOptions, Session, Turntable, WrittenFile,
 };
@@ -44,14 +44,10 @@ pub struct Job<'a> {
     pub inputs: &'a Inputs,
     /// Whether an isovalue that no surface has makes an empty file.
     pub allow_empty: bool,
-    /// How a volume is to be understood.
-    pub volume: VolumeOptions,
+    /// How what has no store is opened.
+    pub how: SceneOptions,
     /// How what has no store is baked.
     pub quality: Quality,
-    /// Fog in the box of a volume.
-    pub fog: Option<Fog>,
-    /// A translucent solid.
-    pub translucent: Option<Translucent>,
     /// How environments light, but for lamps.
     pub light: LightOptions,
     /// Which lamps are lit apart, where that is said.
@@ -192,7 +188,7 @@ impl Job<'_> {
         if is_store(self.input) {
             return Ok(self.light_store(host)?);
         }
-        let mut scene = self.open()?;
+        let mut scene = self.how.open(self.input, self.scene)?;
         if scene.members().len() > 1 {
             return self.light_scene(&scene, host);
         }
@@ -211,8 +207,10 @@ impl Job<'_> {
             (host.note)(&format!("two lobes, above {above} and below {below}{reason}; they light each other"));
             let (job, file) = lobes::scene(self, opened, levels)?;
             drop(scene);
-            let scene = file
-                .open(&VolumeOptions { shadowing: Default::default(), ..job.volume.clone() }, &job.quality.effects)?;
+            let scene = file.open(
+                &VolumeOptions { shadowing: Default::default(), ..job.how.volume.clone() },
+                &job.quality.effects,
+            )?;
             return Job { scene: Some(&file), ..job }.light_scene(&scene, host);
         }
         let chosen = self.with_more(chosen, host.note);
@@ -226,17 +224,8 @@ impl Job<'_> {
         work.bake_and_light(opened, host)
     }
 
-    /// Opens what has no store, with what is put around it.
-    fn open(&self) -> Result<Scene> {
-        let scene = match self.scene {
-            Some(file) => file.open(&self.volume, &self.quality.effects)?,
-            None => Scene::open_with(self.input, &self.volume, &self.quality.effects)?,
-        };
-        scene.with_added(self.fog, self.translucent, &self.quality.effects)
-    }
-
     fn light_store<E>(&self, host: &Host<'_, E>) -> Result<Relit> {
-        self.volume.refuse_for("a store")?;
+        self.how.volume.refuse_for("a store")?;
         self.refuse_effects_of_bakes()?;
         let store = Store::open(self.input)?;
         if store.identity().scene.as_ref().is_some_and(|scene| scene.coupling.is_some()) {
@@ -245,7 +234,7 @@ impl Job<'_> {
         self.refuse_names("the store holds one volume alone")?;
         let volume = store.volume()?;
         for note in volume.notes.iter().filter(|note| note.text == FRONT_NOT_RECORDED) {
-            if self.volume.front.is_none() {
+            if self.how.volume.front.is_none() {
                 (host.note)(&format!("{} (--frame-of anatomical)", note.text));
             }
         }
@@ -303,7 +292,7 @@ impl Job<'_> {
             return work.light(&Source { store, transport_rays }, Vec::new());
         }
         let session = Session::open(store)?.with_geometry(geometry);
-        let up = self.volume.up_of(session.up())?;
+        let up = self.how.volume.up_of(session.up())?;
         let session = session.with_up(up);
         let volume = session.members()[0].volume();
         let resolved = self.isovalues.iter().map(|i| session.choose(i)).collect::<Result<Vec<_>>>()?;
@@ -381,7 +370,7 @@ impl Job<'_> {
 
     /// The isovalues asked for; `auto` is the one that the store holds, if it holds only some.
     fn isovalues_of_store(&self, store: &Store, volume: &Volume) -> Result<Vec<Chosen>> {
-        if let Some(side) = self.volume.solid
+        if let Some(side) = self.how.volume.solid
             && side != volume.solid
         {
             let expected = format!("the side the store was baked for, {}", store.identity().solid);

@@ -20,7 +20,7 @@ impl Job<'_> {
             let layers = quality.layout(volume, member.geometry.as_ref())?.layers;
             let rule = self.material.rule_in(self.scene, volume.value_range())?;
             let albedo = rule.largest_albedo(Some(&isovalues));
-            let up = self.volume.up_of(volume.up)?;
+            let up = self.how.volume.up_of(volume.up)?;
             let lights = lights(self.probes, (up, &layers), &self.light_options(true), albedo)?;
             let filled = bakes.bake(member, Some(isovalues), lights)?;
             (host.filled)(&filled);

@@ -70,7 +70,7 @@ impl<'a> Work<'a> {
         let pyramid = Pyramid::new(volume);
         let rule = job.material.rule_in(job.scene, volume.value_range())?;
         let emission = job.material.emission_in(job.scene, &job.quality.effects);
-        let up = job.volume.up_of(volume.up)?;
+        let up = job.how.volume.up_of(volume.up)?;
         let read_seconds = seconds();
         Ok(Self {
             job,

@@ -70,6 +70,7 @@ impl LatLong {
     ///
     /// # Errors
     /// When the angle is not finite.
+    #[doc(hidden)]
     pub fn turned(&self, degrees: f64) -> Result<Self> {
         let probe_from_turned = Orientation::new(Up::Y, degrees)?.probe_from_world();
         let (width, height) = (self.width(), self.height());
@@ -131,12 +132,14 @@ impl LatLong {
     ///
     /// # Panics
     /// When `y` is not below the height.
+    #[doc(hidden)]
     pub fn row(&self, y: usize) -> &[[f32; 3]] {
         &self.pixels[y * self.width..(y + 1) * self.width]
     }
 
     /// The unit direction in the probe frame of a position in the image. Positions are
     /// continuous: pixel (i, j) covers [i, i+1] × [j, j+1] and its centre is (i+½, j+½).
+    #[doc(hidden)]
     pub fn direction_from_pixel(&self, x: f64, y: f64) -> DVec3 {
         direction_from_angles(PI * (1.0 - 2.0 * x / self.width as f64), PI * (0.5 - y / self.height as f64))
     }
@@ -144,6 +147,7 @@ impl LatLong {
     /// The position in the image of a direction of any length in the probe frame; the inverse of
     /// [`LatLong::direction_from_pixel`]. The result lies in [0, width] × [0, height]. The zero
     /// vector lands on the centre.
+    #[doc(hidden)]
     pub fn pixel_from_direction(&self, direction_in_probe: DVec3) -> [f64; 2] {
         let (longitude, latitude) = angles_from_direction(direction_in_probe);
         [
@@ -153,6 +157,7 @@ impl LatLong {
     }
 
     /// The pixel that holds a direction in the probe frame.
+    #[doc(hidden)]
     pub fn pixel_at(&self, direction_in_probe: DVec3) -> (usize, usize) {
         let [x, y] = self.pixel_from_direction(direction_in_probe);
         ((x as usize).min(self.width - 1), (y as usize).min(self.height - 1))
@@ -166,6 +171,7 @@ impl LatLong {
 
     /// The same light with at most `width` pixels across: means over blocks of pixels, by solid angle.
     #[must_use]
+    #[doc(hidden)]
     pub fn reduced(&self, width: usize) -> Self {
         let side = self.width.div_ceil(width.max(1));
         let (columns, rows) = (self.width.div_ceil(side), self.height.div_ceil(side));
@@ -185,6 +191,7 @@ impl LatLong {
     }
 
     /// Latitudes of the upper and lower edge of a row, in radians.
+    #[doc(hidden)]
     pub fn row_latitudes(&self, y: usize) -> [f64; 2] {
         let edge = |k: usize| PI * (0.5 - k as f64 / self.height as f64);
         [edge(y), edge(y + 1)]
@@ -192,6 +199,7 @@ impl LatLong {
 
     /// Solid angle in steradians of each pixel in row `y`; the sum over all pixels is 4π within
     /// rounding.
+    #[doc(hidden)]
     pub fn pixel_solid_angle(&self, y: usize) -> f64 {
         let edge = |k: usize| PI * k as f64 / self.height as f64;
         ring_solid_angle(edge(y), edge(y + 1)) / self.width as f64

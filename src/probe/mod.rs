@@ -127,6 +127,7 @@ impl Probe {
     ///
     /// # Panics
     /// As [`Probe::coefficients`].
+    #[doc(hidden)]
     pub fn projection_json(&self, bands: usize) -> serde_json::Value {
         let [r, g, b] = self.coefficients(bands);
         let rows: Vec<[f64; 3]> = (0..bands * bands).map(|i| [r.values()[i], g.values()[i], b.values()[i]]).collect();
@@ -142,11 +143,13 @@ impl Probe {
     ///
     /// # Panics
     /// As [`Probe::coefficients`].
+    #[doc(hidden)]
     pub fn coefficients_in_world(&self, bands: usize, orientation: Orientation) -> [Coefficients; 3] {
         into_world(&self.coefficients(bands), orientation)
     }
 
     /// The probe as a source of light directions in world axes.
+    #[doc(hidden)]
     pub fn source(&self, orientation: Orientation) -> EnvironmentSource<'_> {
         EnvironmentSource::new(&self.image, orientation)
     }

@@ -69,16 +69,19 @@ impl Orientation {
     }
 
     /// Where the centre of the image lies.
+    #[doc(hidden)]
     pub fn frame(self) -> EnvFrame {
         self.frame
     }
 
     /// The world axis that points up.
+    #[doc(hidden)]
     pub fn up(self) -> Up {
         self.up
     }
 
     /// How far the light is turned about up.
+    #[doc(hidden)]
     pub fn rotate_degrees(self) -> f64 {
         self.rotate_degrees
     }
@@ -88,6 +91,7 @@ impl Orientation {
     /// Light that comes from probe direction d is turned to R_y(θ) d in the glTF frame, so the
     /// lookup turns back: probe_from_world = R_y(−θ) · gltf_from_world. Multiples of 90° are
     /// exact.
+    #[doc(hidden)]
     pub fn probe_from_world(self) -> DMat3 {
         // Reduced to a quarter turn first, so that 90° gives exact zeros and 3600° costs nothing.
         let quarters = (self.rotate_degrees / 90.0).round();
@@ -106,6 +110,7 @@ impl Orientation {
     }
 
     /// The inverse of [`Orientation::probe_from_world`].
+    #[doc(hidden)]
     pub fn world_from_probe(self) -> DMat3 {
         self.probe_from_world().transpose()
     }

@@ -188,6 +188,7 @@ pub fn report(probe: &Probe, bands: usize) -> Report {
 const FEWEST_STOPS: f64 = 1.0;
 impl Report {
     /// Why the environment is unusual; empty where it is not.
+    #[doc(hidden)]
     pub fn unusual(&self) -> Vec<String> {
         let mut reasons: Vec<String> = self.notes.iter().map(|n| format!("{} ({})", n.text, count(n.count))).collect();
         let bad = &self.bad_pixels;

@@ -4,10 +4,12 @@ use crate::error::Error;
 use std::str::FromStr;
 
 /// Most suns that are split off an environment: each costs visibility rays at every vertex and pixel.
+#[doc(hidden)]
 pub const MOST_SUNS: usize = 8;
 
 /// Root mean square, over the mean, of what radiance beside a shadow may lose by the bands of the light before its lamps are
 /// split off.
+#[doc(hidden)]
 pub const SUN_TOLERANCE: f64 = 0.02;
 
 /// Which lamps are lit apart from an environment.

@@ -4,7 +4,7 @@ use super::watch;
 use crate::bake::{Bake, Estimator, ForLight, Observer, Report, Request, Writing, run};
 use crate::cache::{InUse, for_light};
 use crate::cli::Failure;
-use crate::cli::shared::{locate, prepare};
+use crate::cli::shared::ready;
 use crate::error::{Error, Result};
 use crate::memory;
 use crate::probe::{EnvFrame, Probe};
@@ -150,8 +150,7 @@ pub(super) fn fill(
     let (path, cache) = match place {
         Place::Store(path) => (path.clone(), None),
         Place::Cache(folder) => {
-            let cache = locate(folder.as_deref())?;
-            prepare(&cache)?;
+            let cache = ready(folder.as_deref())?;
             let path = cache.place(&requests[0]);
             in_use = Some(cache.use_of(&path)?);
             (path, Some(cache))

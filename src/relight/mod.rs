@@ -125,6 +125,7 @@ impl Material {
 
     /// Exitant radiance per visible cosine under a distant light of the given flux (radiance times solid
     /// angle): ρ/π · flux.
+    #[doc(hidden)]
     pub fn sun_factor(&self, flux: [f64; 3]) -> [f32; 3] {
         std::array::from_fn(|c| (f64::from(self.albedo[c]) / std::f64::consts::PI * flux[c]) as f32)
     }

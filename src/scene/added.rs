@@ -2,10 +2,37 @@
 
 use super::geometry::{Geometry, Luminaire, LuminaireShape};
 use super::medium::{Body, Medium, Phase, albedo_nodes};
-use super::{Effects, Scene, distant_light};
+use super::{Effects, Scene, SceneFile, VolumeOptions, distant_light};
 use crate::error::{Error, Result};
 use crate::probe::{EnvFrame, Orientation, Probe};
 use std::str::FromStr;
+
+/// How a volume or a scene is opened, and what is put around it.
+#[derive(Clone, Debug, Default)]
+pub struct SceneOptions {
+    /// How volumes are to be understood.
+    pub volume: VolumeOptions,
+    /// Effects switched by hand.
+    pub effects: Effects,
+    /// Fog in the box of a volume.
+    pub fog: Option<Fog>,
+    /// A translucent solid.
+    pub translucent: Option<Translucent>,
+}
+
+impl SceneOptions {
+    /// Opens a volume, a field or a scene by name; of `file`, where the scene was read already.
+    ///
+    /// # Errors
+    /// As [`Scene::open_with`] and [`Scene::with_added`].
+    pub fn open(&self, name: &str, file: Option<&SceneFile>) -> Result<Scene> {
+        let scene = match file {
+            Some(file) => file.open(&self.volume, &self.effects)?,
+            None => Scene::open_with(name, &self.volume, &self.effects)?,
+        };
+        scene.with_added(self.fog, self.translucent, &self.effects)
+    }
+}
 
 /// Fog of constant extinction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,6 +113,7 @@ impl Scene {
     ///
     /// # Errors
     /// As [`Scene::with_medium`] and [`Scene::with_body`].
+    #[doc(hidden)]
     pub fn with_added(self, fog: Option<Fog>, translucent: Option<Translucent>, effects: &Effects) -> Result<Self> {
         let mut scene = self;
         let is_on = effects.switched("media") != Some(false);
@@ -108,6 +136,7 @@ impl Scene {
     ///
     /// # Errors
     /// When something stands around the volume.
+    #[doc(hidden)]
     pub fn fix_environment(&mut self, probe: &Probe, turned: f64, frame: EnvFrame) -> Result<()> {
         let remedy = "write it into the scene: [[luminaires]] with shape = \"environment\" and image";
         let [member] = self.members_mut() else {

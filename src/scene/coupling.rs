@@ -66,6 +66,7 @@ impl IsovalueMap {
 
 impl Coupling {
     /// A short name for tables.
+    #[doc(hidden)]
     pub fn describe(&self) -> String {
         match self {
             Self::Normalised => "the same normalised isovalue".into(),
@@ -105,6 +106,7 @@ impl Coupling {
     }
 
     /// From an isovalue of volume `from` to that of volume `to`; of volumes that were checked.
+    #[doc(hidden)]
     pub fn between(&self, volumes: &[Coupled], from: usize, to: usize) -> IsovalueMap {
         let ((a, b), (c, d)) = (volumes[from].range, volumes[to].range);
         IsovalueMap::from_knots(match self {
@@ -118,6 +120,7 @@ impl Coupling {
     ///
     /// # Errors
     /// When rows or equal values leave it without a partner.
+    #[doc(hidden)]
     pub fn check_isovalue(&self, volumes: &[Coupled], of: usize, isovalue: f64) -> Result<()> {
         let (low, high) = match self {
             Self::Normalised => volumes[of].range,

@@ -88,6 +88,7 @@ impl Effects {
     }
 
     /// Which shadows count.
+    #[doc(hidden)]
     pub fn shadowing(&self) -> Shadowing {
         match self.switched("shadowing") {
             None => Shadowing::Found,
@@ -97,6 +98,7 @@ impl Effects {
     }
 
     /// Whether nothing was switched.
+    #[doc(hidden)]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }

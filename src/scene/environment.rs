@@ -43,11 +43,13 @@ pub fn environment(given: Option<&str>, scene: Option<&SceneFile>) -> Result<(Pr
 
 impl SceneFile {
     /// How far its environment is turned, in degrees.
+    #[doc(hidden)]
     pub fn rotation(&self) -> f64 {
         self.description.probe.as_ref().and_then(|probe| probe.rotation).unwrap_or(0.0)
     }
 
     /// An error about an isovalue, with the line that it stands in.
+    #[doc(hidden)]
     pub fn at_isovalue(&self, isovalue: Isovalue, error: Error) -> Error {
         let listed = &self.description.isovalues;
         match listed.iter().find(|i| i.value.parse().is_ok_and(|i: Isovalue| i == isovalue)) {
@@ -57,6 +59,7 @@ impl SceneFile {
     }
 
     /// An error about the environment of this name, with the line that names it.
+    #[doc(hidden)]
     pub fn at_environment(&self, name: &str, error: Error) -> Error {
         if self.environment().as_deref() != Some(name) {
             return error;

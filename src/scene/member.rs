@@ -9,6 +9,7 @@ use crate::geom::Up;
 use crate::volume::isovalue::{Chosen, number};
 use crate::volume::{Choice, Isovalue, Note, ReadHint, Shadowing, Solid, Volume, field, open_with};
 use std::path::Path;
+use std::str::FromStr;
 use std::sync::Arc;
 
 /// What decides which side of a volume is its front, for views and for glTF.
@@ -43,6 +44,7 @@ impl VolumeOptions {
     ///
     /// # Errors
     /// When an anatomical front is asked for with another axis up than z.
+    #[doc(hidden)]
     pub fn up_of(&self, found: Up) -> Result<Up> {
         let up = match self.up {
             Some(Up::Z) if found.is_anatomical() => found,
@@ -72,6 +74,7 @@ impl VolumeOptions {
     ///
     /// # Errors
     /// Names the first such option that is set.
+    #[doc(hidden)]
     pub fn refuse_for(&self, what: &str) -> Result<()> {
         let given = [
             ("--spacing", self.choice.spacing.is_some()),
@@ -100,6 +103,21 @@ pub struct NamedIsovalue {
     pub volume: Option<String>,
     /// In its values.
     pub isovalue: Isovalue,
+}
+
+impl FromStr for NamedIsovalue {
+    /// What to give instead.
+    type Err = String;
+
+    /// Reads an isovalue, or `NAME=C`.
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let of = |text: &str| text.parse::<Isovalue>().map_err(|e| e.to_string());
+        match text.split_once('=') {
+            Some((name, _)) if name.trim().is_empty() => Err(format!("`{text}`: give NAME=C, such as inner=0.5")),
+            Some((name, isovalue)) => Ok(Self { volume: Some(name.trim().into()), isovalue: of(isovalue)? }),
+            None => Ok(Self { volume: None, isovalue: of(text)? }),
+        }
+    }
 }
 
 /// A volume and what is known of it besides its samples: a scene has one or several.
@@ -151,6 +169,7 @@ impl Member {
     ///
     /// # Errors
     /// As [`Self::settle`] and [`Self::check_all`].
+    #[doc(hidden)]
     pub fn settle_in(&mut self, asked: &[Isovalue], scene: Option<&SceneFile>) -> Result<Option<Vec<Chosen>>> {
         if asked.is_empty() {
             self.check_all()?;
@@ -198,16 +217,19 @@ impl Member {
     }
 
     /// The volume, to change it.
+    #[doc(hidden)]
     pub fn volume_mut(&mut self) -> &mut Volume {
         Arc::make_mut(&mut self.volume)
     }
 
     /// Whether the side that is matter was given, or follows from other volumes.
+    #[doc(hidden)]
     pub fn has_side(&self) -> bool {
         self.side_is_given || self.among.is_some()
     }
 
     /// Whether other volumes stand beside it.
+    #[doc(hidden)]
     pub fn is_among_others(&self) -> bool {
         self.among.is_some()
     }
@@ -233,6 +255,7 @@ impl Member {
     ///
     /// # Errors
     /// When no volume has the name, or no surface the isovalue.
+    #[doc(hidden)]
     pub fn choose_named(&self, volume: Option<&str>, isovalue: Isovalue) -> Result<Chosen> {
         match (&self.among, volume) {
             (Some(among), Some(name)) => among.resolve_named(name, isovalue, &self.volume, self.default_isovalue),
@@ -245,6 +268,7 @@ impl Member {
     ///
     /// # Errors
     /// When no surface has one of them, or they are of different sides.
+    #[doc(hidden)]
     pub fn settle(&mut self, isovalues: &[Isovalue], at: &dyn Fn(usize, Error) -> Error) -> Result<Vec<Chosen>> {
         check_count(isovalues.len())?;
         let mut all = Vec::new();
@@ -266,6 +290,7 @@ impl Member {
     ///
     /// # Errors
     /// When they are of different sides.
+    #[doc(hidden)]
     pub fn take_side(&mut self, chosen: &[Chosen]) -> Result<()> {
         let Some(first) = chosen.first() else { return Ok(()) };
         if let Some(other) = chosen.iter().find(|c| c.solid != first.solid) {
@@ -298,6 +323,7 @@ impl Member {
     ///
     /// # Errors
     /// When the largest part of the solid alone is to stay.
+    #[doc(hidden)]
     pub fn check_all(&self) -> Result<()> {
         if !self.keep_largest {
             return Ok(());

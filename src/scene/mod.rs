@@ -18,7 +18,7 @@ mod plan;
 
 pub use crate::probe::{MOST_SUNS, SUN_TOLERANCE, SunSplit};
 #[doc(hidden)]
-pub use added::{Fog, Translucent};
+pub use added::{Fog, SceneOptions, Translucent};
 #[doc(hidden)]
 pub use colormap::Colormap;
 pub use coupling::{Coupled, Coupling, IsovalueMap};

@@ -151,6 +151,7 @@ impl Scene {
     ///
     /// # Errors
     /// When none is called so, or there is one alone.
+    #[doc(hidden)]
     pub fn member_named(&self, name: &str) -> Result<usize> {
         let several = || self.members.iter().filter(|member| member.is_among_others());
         if let Some(found) = several().position(|member| member.volume.name == name) {
@@ -211,6 +212,7 @@ impl SceneFile {
     ///
     /// # Errors
     /// As [`SceneDescription::parse`].
+    #[doc(hidden)]
     pub fn from_text(text: &str, name: &str) -> Result<Self> {
         Ok(Self { description: SceneDescription::parse(text, name)?, folder: PathBuf::new() })
     }
@@ -359,12 +361,14 @@ impl SceneFile {
     }
 
     /// A path from the folder of the scene, or the name of a field, as [`Member::open`] takes it.
+    #[doc(hidden)]
     pub fn place_of(&self, name: &str) -> String {
         let is_field = !matches!(field::by_name(name), Ok(None));
         if is_field { name.to_string() } else { self.folder.join(name).display().to_string() }
     }
 
     /// The environment as [`crate::probe::open`] takes it: a name, or a path; where there is none but luminaires, [`DARK`].
+    #[doc(hidden)]
     pub fn environment(&self) -> Option<String> {
         let Some(probe) = self.description.probe.as_ref() else {
             // Luminaires are light enough.
@@ -382,6 +386,7 @@ impl SceneFile {
     }
 
     /// The isovalues that it lists, as written: where there are none, those of the first volume in the pairs of the coupling.
+    #[doc(hidden)]
     pub fn listed_isovalues(&self) -> Vec<String> {
         match &self.description.coupling {
             Some(Located { value: Coupling::Rows(rows), .. }) if self.description.isovalues.is_empty() => {
@@ -392,11 +397,13 @@ impl SceneFile {
     }
 
     /// Bands of the layers; none where it does not say.
+    #[doc(hidden)]
     pub fn bands(&self) -> Vec<u8> {
         self.description.bake.bands.iter().map(|&b| b as u8).collect()
     }
 
     /// All files that it names.
+    #[doc(hidden)]
     pub fn files(&self) -> Vec<PathBuf> {
         let description = &self.description;
         let volumes = description.volumes.iter().map(|volume| &volume.volume.value);
@@ -418,6 +425,7 @@ impl SceneFile {
 }
 
 /// An environment that is fixed before the bake, as it stands in the world.
+#[doc(hidden)]
 pub fn distant_light(probe: &Probe, orientation: Orientation) -> DistantLight {
     let image = &probe.image;
     let (mut hasher, mut total) = (blake3::Hasher::new(), [0.0f64; 3]);

@@ -31,6 +31,7 @@ impl Lit<'_> {
     ///
     /// # Errors
     /// As [`Lit::with_total_error`].
+    #[doc(hidden)]
     pub fn estimate_total_error(&self) -> Result<Option<TotalError>> {
         let texels = &self.texels;
         let parts = texels.surface.parts.iter().zip(texels.surface.session.members());

@@ -160,6 +160,7 @@ impl Session<'_> {
     ///
     /// # Errors
     /// As [`Session::light`], [`Surface::contract`], [`LitTexels::look_up`] and the writers.
+    #[doc(hidden)]
     pub fn write_file(
         &self,
         surface: &Surface<'_>,

@@ -80,6 +80,7 @@ impl Isosurface {
     }
 
     /// `count` random vertices, with replacement, by `seed`; none of an empty surface.
+    #[doc(hidden)]
     pub fn random_points(&self, count: u32, seed: u64) -> Vec<SurfacePoint> {
         let all = self.mesh.positions_in_grid.len();
         let vertex = |i: u32| {
@@ -92,6 +93,7 @@ impl Isosurface {
     }
 
     /// The mesh as the writers take it; `radiance` comes with its standard errors.
+    #[doc(hidden)]
     pub fn export<'a>(
         &'a self,
         name: &'a str,
@@ -115,6 +117,7 @@ impl Isosurface {
     }
 
     /// A camera that has all of the surface in view; the whole box of the volume when there is no vertex.
+    #[doc(hidden)]
     pub fn camera(&self, volume: &Volume, up: Up, view: View, projection: Projection, aspect: f64) -> Camera {
         let all = volume.world_bounds();
         if self.positions.is_empty() {
@@ -125,6 +128,7 @@ impl Isosurface {
 
     /// Points around which all lies that a picture shows of it, in world. Cut faces show in pictures: corners of the
     /// box that are solid belong to what is seen.
+    #[doc(hidden)]
     pub fn seen(&self, volume: &Volume) -> impl Iterator<Item = DVec3> {
         let centre = volume.world_bounds().centre();
         self.positions.iter().map(move |p| p.as_dvec3() + centre).chain(self.solid_corners(volume))

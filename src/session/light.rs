@@ -34,12 +34,14 @@ impl LightOptions {
     ///
     /// # Errors
     /// When the rotation is not finite.
+    #[doc(hidden)]
     pub fn orientation(&self, up: Up) -> Result<Orientation> {
         Ok(Orientation::new(up, self.rotation_degrees)?.in_frame(self.frame))
     }
 
     /// For a scene: lamps that nobody asked to be lit apart stay, since the layers hold what its walls and other volumes
     /// send of them.
+    #[doc(hidden)]
     pub fn in_scene(mut self) -> Self {
         if self.split_sun == SunSplit::Auto {
             self.split_sun = SunSplit::Off;
@@ -82,6 +84,7 @@ pub enum LightNote {
 
 impl LightNote {
     /// In a sentence about the environment of this name.
+    #[doc(hidden)]
     pub fn sentence(&self, probe: &str) -> String {
         match self {
             LightNote::NoSun(why) => format!("{probe}: no sun was split off: {why}"),
@@ -115,6 +118,7 @@ impl LightNote {
 }
 
 /// Visibility rays for each surface point and sun; [`crate::render::PENUMBRA`] times as many in the penumbra.
+#[doc(hidden)]
 pub const SUN_RAYS: u32 = 16;
 
 /// An environment, ready to be multiplied with transfer.
@@ -208,6 +212,7 @@ impl<'p> Lighting<'p> {
     }
 
     /// Whether the light is proven nowhere negative.
+    #[doc(hidden)]
     pub fn is_certified(&self) -> bool {
         self.options.window == Window::Certified
     }

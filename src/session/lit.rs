@@ -155,6 +155,7 @@ pub struct Lit<'t> {
 
 impl<'t> Lit<'t> {
     /// The texels that were looked up.
+    #[doc(hidden)]
     pub fn texels(&self) -> &LitTexels<'t> {
         &self.texels
     }
@@ -170,6 +171,7 @@ impl<'t> Lit<'t> {
     }
 
     /// How the lookups went.
+    #[doc(hidden)]
     pub fn report(&self) -> &LookupReport {
         &self.report
     }
@@ -185,6 +187,7 @@ impl<'t> Lit<'t> {
     }
 
     /// Quantiles of the standard errors over the radiance of their vertices.
+    #[doc(hidden)]
     pub fn relative_error(&self) -> SurfaceError {
         self.error
     }
@@ -200,6 +203,7 @@ impl<'t> Lit<'t> {
     }
 
     /// Vertices with a negative channel, which [`crate::relight::without_negative`] shows: ringing of the band-limited light.
+    #[doc(hidden)]
     pub fn negative_vertices(&self) -> u64 {
         self.negative
     }
@@ -210,6 +214,7 @@ impl<'t> Lit<'t> {
     }
 
     /// Most of the emission that is left out per further bounce: of albedo 1 with emission, which has no end.
+    #[doc(hidden)]
     pub fn emission_remainder(&self) -> f32 {
         self.texels.members.first().map_or(0.0, |contracted| contracted.emission_remainder)
     }

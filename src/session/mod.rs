@@ -104,6 +104,7 @@ impl Session<'static> {
     }
 
     /// As [`Session::alone`], of a store that becomes the session's own, and a volume that others have too.
+    #[doc(hidden)]
     pub fn sharing(store: Store, volume: Arc<Volume>, pyramid: Arc<Pyramid>) -> Self {
         let up = volume.up;
         Self { members: vec![Member::sharing(store, volume, pyramid)], up, geometry: None }
@@ -193,6 +194,7 @@ impl<'a> Session<'a> {
     }
 
     /// Whether walls or luminaires stand in the scene that pictures do not show, for want of [`Self::with_geometry`].
+    #[doc(hidden)]
     pub fn lacks_walls(&self) -> bool {
         let scene = self.first().store().identity().scene.as_ref();
         self.geometry.is_none() && scene.is_some_and(|s| s.coupling.is_none() || !s.luminaires.is_empty())
@@ -231,6 +233,7 @@ impl<'a> Session<'a> {
     ///
     /// # Errors
     /// When no volume has the name, no surface the isovalue, or it has no partner.
+    #[doc(hidden)]
     pub fn choose(&self, named: &NamedIsovalue) -> Result<(Chosen, Vec<f64>)> {
         let from = named.volume.as_ref().map_or(Ok(0), |name| self.member(name)).map_err(as_option)?;
         let members = self.members();

@@ -110,6 +110,7 @@ impl FromStr for Background {
 
 impl Background {
     /// Whether something of it lets through.
+    #[doc(hidden)]
     pub fn is_transparent(self) -> bool {
         matches!(self, Self::Colour([.., alpha]) if alpha < 1.0)
     }

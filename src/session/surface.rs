@@ -51,11 +51,13 @@ impl Part {
     }
 
     /// Bricks that lookups on it read.
+    #[doc(hidden)]
     pub fn bricks(&self) -> &[[usize; 3]] {
         &self.bricks
     }
 
     /// Share of the vertices where the surface bends too much within a texel, of a texture coarser than the data.
+    #[doc(hidden)]
     pub fn below_a_texel(&self) -> f64 {
         self.below_a_texel
     }
@@ -103,6 +105,7 @@ impl<'s> Surface<'s> {
 
     /// Bytes that lighting it takes, about: the volumes with their pyramids, the contracted bricks, and the meshes with
     /// their colours, once more while they are written.
+    #[doc(hidden)]
     pub fn bytes_of_lighting(&self) -> u64 {
         // Radiance, weight and standard error of a texel; two positions, two normals, radiance, colour, error and what
         // is written of a vertex; a triangle, twice.
@@ -171,6 +174,7 @@ impl<'s> Surface<'s> {
     ///
     /// # Errors
     /// As [`Self::lit`].
+    #[doc(hidden)]
     pub fn node_error(&self, lighting: &Lighting<'_>, luminaires: &[LuminaireFactor]) -> Result<Option<f64>> {
         let Some(session) = self.session.members().first() else { return Ok(None) };
         let Some((of_difference, of_check)) = check_factors_of_nodes(session.store()) else { return Ok(None) };

@@ -14,6 +14,7 @@ pub enum Tone {
 
 impl Tone {
     /// Linear colour in [0, 1] of exposed radiance.
+    #[doc(hidden)]
     pub fn apply(self, exposed: [f32; 3]) -> [f32; 3] {
         let exposed = exposed.map(|v| v.max(0.0));
         match self {

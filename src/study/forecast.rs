@@ -12,6 +12,7 @@ use crate::session::Isosurface;
 use crate::transfer::{Lattice, Layers, Layout, Selection, texels_of_isosurfaces};
 use crate::transport::{Settings, needs_photons, trial};
 use crate::volume::Isovalue;
+use serde_json::{Value, json};
 
 /// Resolutions that a forecast weighs against each other, the finest first.
 pub const RATIOS: [f64; 3] = [1.0, 0.5, 0.25];
@@ -56,6 +57,15 @@ impl Weighed {
     pub fn add(&mut self, texels: u64) {
         self.bytes += self.bytes / self.pilot.texels.max(1) * texels;
         self.pilot.texels += texels;
+    }
+
+    /// A forecast for programs; seconds are those of so many threads.
+    pub fn to_json(&self, forecast: &Forecast, threads: usize) -> Value {
+        json!({
+            "texture": self.ratio, "rays": forecast.rays, "cpu_seconds": forecast.seconds,
+            "seconds": forecast.seconds / threads as f64, "error": forecast.error, "bytes": self.bytes,
+            "texels": self.pilot.texels, "floor": self.pilot.accuracy.floor.sqrt(),
+        })
     }
 }
 

@@ -94,6 +94,7 @@ pub enum Level {
 
 /// Most samples of the level that `auto` takes, 1024 × 1024 × 256: 512 MiB in 16 bits. Not the memory of the machine, so that
 /// the same file is the same volume everywhere.
+#[doc(hidden)]
 pub const MOST_AUTO: u64 = 1 << 28;
 
 impl Level {

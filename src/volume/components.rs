@@ -50,6 +50,7 @@ impl Volume {
     }
 
     /// The outermost of some isovalues: its solid holds those of all others.
+    #[doc(hidden)]
     pub fn outermost(&self, isovalues: impl IntoIterator<Item = f64>) -> Option<f64> {
         let all = isovalues.into_iter();
         if self.solid == Solid::Above { all.min_by(f64::total_cmp) } else { all.max_by(f64::total_cmp) }

@@ -74,6 +74,7 @@ pub enum Samples {
 }
 
 /// Memory with samples that a volume reads where they are, such as the array of another program.
+#[doc(hidden)]
 pub trait SampleOwner: Send + Sync + std::fmt::Debug {
     /// The samples: the same, at the same place, as long as it lives.
     fn view(&self) -> SamplesView<'_>;
@@ -81,6 +82,7 @@ pub trait SampleOwner: Send + Sync + std::fmt::Debug {
 
 /// Samples to be read, by their type.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[doc(hidden)]
 pub enum SamplesView<'a> {
     /// 8-bit unsigned.
     U8(&'a [u8]),
@@ -112,6 +114,7 @@ pub(crate) use with_samples;
 const PART: usize = 1 << 16;
 
 /// A sample type that a volume can hold.
+#[doc(hidden)]
 pub trait Sample: Copy + Send + Sync + 'static {
     /// The sample as a number; exact for every type held.
     fn raw(self) -> f32;
@@ -164,6 +167,7 @@ impl PartialEq for Samples {
 
 impl Samples {
     /// The samples to be read.
+    #[doc(hidden)]
     pub fn view(&self) -> SamplesView<'_> {
         match self {
             Self::U8(s) => SamplesView::U8(s),
@@ -186,6 +190,7 @@ impl Samples {
     }
 
     /// The raw sample at a linear index.
+    #[doc(hidden)]
     pub fn raw(&self, index: usize) -> f32 {
         with_samples!(self, s => s[index].raw())
     }
@@ -202,6 +207,7 @@ impl Samples {
     }
 
     /// Smallest and largest raw sample; (0, 0) when empty.
+    #[doc(hidden)]
     pub fn raw_range(&self) -> (f32, f32) {
         fn range<T: Sample>(samples: &[T]) -> (f32, f32) {
             let start = samples.first().map_or(0.0, |s| s.raw());
@@ -250,10 +256,12 @@ pub struct Note {
 
 /// The largest magnitude of a sample, 2^122: differences, gradients and the steps of the cell solver multiply
 /// samples by up to 54, which must not overflow `f32`. File readers rescale from 2^100 on.
+#[doc(hidden)]
 pub const MOST_MAGNITUDE: f32 = f32::from_bits((127 + 122) << 23);
 
 /// The largest magnitude of a world coordinate and of a spacing, and the inverse of the smallest spacing: squares of
 /// distances and of gradients per world unit must not overflow `f32`, in which surfaces are written.
+#[doc(hidden)]
 pub const MOST_EXTENT: f64 = 1e18;
 
 /// Refuses a grid whose place in the world is beyond [`MOST_EXTENT`].
@@ -393,6 +401,7 @@ impl Volume {
     ///
     /// # Errors
     /// When all samples are the same, and an empty store is not accepted.
+    #[doc(hidden)]
     pub fn check_surface(&self, allow_empty: bool) -> Result<bool> {
         let (low, high) = self.value_range();
         if low < high || allow_empty {
@@ -410,6 +419,7 @@ impl Volume {
     ///
     /// # Errors
     /// With fewer than two samples along an axis.
+    #[doc(hidden)]
     pub fn check_cells(&self) -> Result<()> {
         let [x, y, z] = self.dims;
         if x.min(y).min(z) >= 2 {
@@ -469,6 +479,7 @@ impl Volume {
     }
 
     /// Smallest and largest raw sample.
+    #[doc(hidden)]
     pub fn raw_range(&self) -> (f32, f32) {
         self.raw_range
     }
@@ -481,27 +492,32 @@ impl Volume {
     }
 
     /// The file's value of a raw sample.
+    #[doc(hidden)]
     pub fn value_from_raw(&self, raw: f64) -> f64 {
         self.slope * raw + self.inter
     }
 
     /// The raw sample (not rounded) of a value of the file.
+    #[doc(hidden)]
     pub fn raw_from_value(&self, value: f64) -> f64 {
         (value - self.inter) / self.slope
     }
 
     /// +1 where larger *raw* samples are solid, −1 where smaller ones are.
+    #[doc(hidden)]
     pub fn solid_sign(&self) -> f32 {
         let above = self.solid == Solid::Above;
         if above == (self.slope > 0.0) { 1.0 } else { -1.0 }
     }
 
     /// Whether the solids of the side that is matter are declared convex.
+    #[doc(hidden)]
     pub fn is_convex(&self) -> bool {
         self.convex_side == Some(self.solid)
     }
 
     /// Linear index of a grid point.
+    #[doc(hidden)]
     pub fn index(&self, x: usize, y: usize, z: usize) -> usize {
         debug_assert!(x < self.dims[0] && y < self.dims[1] && z < self.dims[2]);
         x + self.dims[0] * (y + self.dims[1] * z)

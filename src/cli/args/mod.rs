@@ -2,7 +2,6 @@
 
 pub(in crate::cli) mod choices;
 pub(in crate::cli) mod comparison;
-pub(in crate::cli) mod isovalue;
 pub(in crate::cli) mod light;
 pub(in crate::cli) mod photons;
 pub(in crate::cli) mod picture;

@@ -1,14 +1,14 @@
 //! What a bake computes, as options: shared by `plan`, `bake` and the lazy bake of `relight`.
 
 use crate::bake::{Estimator, Quality};
-use crate::cli::args::isovalue::Isovalue;
 use crate::cli::args::volume::VolumeArgs;
-use crate::error::{Error, Result};
+use crate::error::Error;
 pub(in crate::cli) use crate::quantity::{parse_bytes, parse_time};
-use crate::scene::{EffectSwitch, Effects, Fog, Scene, SceneFile, TextureSize, Translucent, VolumeOptions};
+use crate::scene::{EffectSwitch, Effects, Fog, SceneOptions, TextureSize, Translucent, VolumeOptions};
 use crate::sh::MAX_BANDS;
 use crate::transfer::MAX_LAYERS;
 use crate::transport::REPLICATES;
+use crate::volume::Isovalue;
 
 /// Quality of a transfer texture.
 #[derive(clap::Args, Clone, Debug)]
@@ -66,7 +66,7 @@ pub(in crate::cli) struct BakeArgs {
     pub(in crate::cli) estimator: Estimator,
 }
 
-pub(in crate::cli) fn parse_rays(text: &str) -> std::result::Result<u32, String> {
+pub(in crate::cli) fn parse_rays(text: &str) -> Result<u32, String> {
     let rays: u32 = text.parse().map_err(|_| "give a power of two such as 64".to_string())?;
     if rays.is_power_of_two() && (REPLICATES as u32..=1 << 20).contains(&rays) {
         Ok(rays)
@@ -75,11 +75,11 @@ pub(in crate::cli) fn parse_rays(text: &str) -> std::result::Result<u32, String>
     }
 }
 
-fn parse_effect(text: &str) -> std::result::Result<EffectSwitch, String> {
+fn parse_effect(text: &str) -> Result<EffectSwitch, String> {
     text.trim().parse().map_err(|e: Error| e.to_string())
 }
 
-fn parse_error(text: &str) -> std::result::Result<f32, String> {
+fn parse_error(text: &str) -> Result<f32, String> {
     let (number, unit) = text.strip_suffix('%').map_or((text, 1.0), |percent| (percent, 100.0));
     match number.trim().parse::<f64>().map(|n| (n / unit) as f32) {
         Ok(error) if error > 0.0 && error < 1.0 => Ok(error),
@@ -110,15 +110,11 @@ impl TransferArgs {
         Effects::new(self.effects.iter().copied())
     }
 
-    /// Opens a volume, or the scene that was read, with what these options put around it.
-    pub(in crate::cli) fn open(&self, input: &str, file: Option<&SceneFile>, volume: &VolumeArgs) -> Result<Scene> {
+    /// How what is baked is opened, with what these options put around it.
+    pub(in crate::cli) fn scene(&self, volume: &VolumeArgs) -> SceneOptions {
         let effects = self.effects();
-        let options = VolumeOptions { shadowing: effects.shadowing(), ..volume.options() };
-        let scene = match file {
-            Some(file) => file.open(&options, &effects)?,
-            None => Scene::open_with(input, &options, &effects)?,
-        };
-        scene.with_added(self.fog, self.translucent, &effects)
+        let volume = VolumeOptions { shadowing: effects.shadowing(), ..volume.options() };
+        SceneOptions { volume, effects, fog: self.fog, translucent: self.translucent }
     }
 }
 
@@ -130,7 +126,7 @@ impl BakeArgs {
 }
 
 /// Reads the indices of a texel.
-pub(in crate::cli) fn parse_texel(text: &str) -> std::result::Result<[usize; 3], String> {
+pub(in crate::cli) fn parse_texel(text: &str) -> Result<[usize; 3], String> {
     let numbers: Option<Vec<usize>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     match numbers.as_deref() {
         Some(&[x, y, z]) => Ok([x, y, z]),

@@ -1,8 +1,7 @@
 //! The volume argument: a file or an analytic field by name.
 
-use crate::error::Result;
 use crate::geom::Up;
-use crate::scene::{Front, Member, VolumeOptions};
+use crate::scene::{Front, VolumeOptions};
 use crate::volume::{Channel, Choice, Level, Region, Solid, Spacing};
 
 /// How a volume is to be understood.
@@ -78,13 +77,6 @@ impl VolumeArgs {
     }
 }
 
-fn parse_up(axis: &str) -> std::result::Result<Up, String> {
+fn parse_up(axis: &str) -> Result<Up, String> {
     Up::named(axis).ok_or_else(|| "give one of x, y, z, -x, -y, -z".into())
-}
-
-/// Opens a volume for a list of what a file holds: of several channels the first, where none is chosen.
-pub(in crate::cli) fn look_at(argument: &str, args: &VolumeArgs) -> Result<Member> {
-    let mut options = args.options();
-    options.choice.any_channel = true;
-    Member::open(argument, &options)
 }

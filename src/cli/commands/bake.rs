@@ -2,14 +2,13 @@
 
 use crate::bake::{Estimator, ForLight, Hints, Quality, Share, Writing};
 use crate::cache::for_light;
-use crate::cli::args::isovalue::tell;
 use crate::cli::args::transfer::{BakeArgs, parse_texel, parse_time};
 use crate::cli::args::volume::VolumeArgs;
-use crate::cli::commands::pack;
+use crate::cli::commands::{pack, replay};
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::present::console::Console;
 use crate::cli::present::lent::{clock, fill};
-use crate::cli::present::{baked, replay, text};
+use crate::cli::present::{baked, text};
 use crate::error::Error;
 use crate::file::{file_name, size_on_disk};
 use crate::probe::{EnvFrame, Orientation};
@@ -21,6 +20,7 @@ use crate::study::model::ENOUGH;
 use crate::transfer::Layers;
 use crate::transfer::store::{PackError, Replacement, StoreOptions, kind};
 use crate::volume::Volume;
+use crate::volume::isovalue::Chosen;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -175,7 +175,7 @@ impl Bake {
 
     /// Opens what is to be baked.
     fn open(&self) -> Outcome<Scene> {
-        let mut scene = self.bake.transfer.open(&self.input, self.scene.as_ref(), &self.volume)?;
+        let mut scene = self.bake.transfer.scene(&self.volume).open(&self.input, self.scene.as_ref())?;
         match &self.fixed_env {
             Some(name) => {
                 let probe = open_probe(name, false, None)?;
@@ -227,7 +227,7 @@ impl Bake {
         if is_empty {
             console.note("every sample is the same: no surface, the store is empty");
         }
-        tell(console, chosen.as_deref().unwrap_or_default());
+        chosen.iter().flatten().flat_map(Chosen::notes).for_each(|text| console.note(text));
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let mut job = quality.request(opened, isovalues, lights)?;
         job.hints = Hints::of_scene(scene, volume.value_range(), job.isovalues.as_deref());

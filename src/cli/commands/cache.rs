@@ -114,7 +114,7 @@ fn limit(cache: &Cache, size: Option<Limit>, console: &Console) -> Outcome {
 }
 
 /// The cache in the folder that the user gave, or in that of the system.
-pub(crate) fn locate(given: Option<&Path>) -> Outcome<Cache> {
+fn locate(given: Option<&Path>) -> Outcome<Cache> {
     let of_system = || directories::ProjectDirs::from("", "", "isolume").map(|f| f.cache_dir().to_path_buf());
     given.map(Path::to_path_buf).or_else(of_system).map(Cache::at).ok_or_else(|| {
         Failure::Message("this system has no cache folder for the user: name one with --cache DIR".into())
@@ -122,14 +122,14 @@ pub(crate) fn locate(given: Option<&Path>) -> Outcome<Cache> {
 }
 
 /// The same, made ready for stores.
-pub(in crate::cli) fn ready(given: Option<&Path>) -> Outcome<Cache> {
+pub(crate) fn ready(given: Option<&Path>) -> Outcome<Cache> {
     let cache = locate(given)?;
     prepare(&cache)?;
     Ok(cache)
 }
 
 /// Makes the folder of the stores, and tries to write there.
-pub(crate) fn prepare(cache: &Cache) -> Outcome {
+fn prepare(cache: &Cache) -> Outcome {
     cache.prepare().map_err(|e| {
         Failure::Message(format!(
             "cannot write into the cache folder {}: {e}; name another one with --cache DIR, or bake into a store of \

@@ -1,20 +1,19 @@
 //! `isolume compare`: the store's answer against paths and photons on the same surface, and why they differ.
 
 use crate::cli::args::comparison::PictureOutput;
-use crate::cli::args::isovalue::{NamedIsovalue, parse_named};
 use crate::cli::args::light::parse_triple;
 use crate::cli::args::photons::PhotonArgs;
 use crate::cli::failure::Outcome;
+use crate::cli::present::comparison;
 use crate::cli::present::console::Console;
-use crate::cli::present::text;
-use crate::compare::{Asked, Compared, Figure, Subject, subjects};
+use crate::compare::{Asked, Compared, Subject, subjects};
 use crate::export::inputs::Inputs;
 use crate::probe::{EnvFrame, SunSplit};
-use crate::scene::{Effects, Fog, Scene, SceneFile, VolumeOptions, open_probe};
+use crate::scene::{Effects, Fog, NamedIsovalue, Scene, SceneFile, VolumeOptions, open_probe};
 use crate::session::{LuminaireFactor, check_factors};
 use crate::transfer::store::{Store, check_store};
 use serde_json::json;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Compare relit isosurfaces with path tracing under the whole environment, and say why they differ
 ///
@@ -38,7 +37,7 @@ pub(in crate::cli) struct Compare {
     /// volumes baked together isovalues are those of the first, NAME=C is that of another, and all surfaces that belong
     /// to it are compared
     #[arg(short, long, visible_alias = "isovalues", value_name = "[NAME=]C[,…]", value_delimiter = ',')]
-    #[arg(required = true, allow_hyphen_values = true, value_parser = parse_named)]
+    #[arg(required = true, allow_hyphen_values = true)]
     isovalue: Vec<NamedIsovalue>,
     /// Environment: an image file or a name, as relight takes it
     #[arg(short, long, value_name = "PROBE", required = true)]
@@ -132,8 +131,8 @@ impl Compare {
             console.note("the texels of this estimator cannot be made again: noise, bias and rounding are one row");
         }
         let files = match (subjects.as_slice(), isovalues.as_slice()) {
-            ([one], [isovalues]) => self.pictures.files(&one.volume.name, isovalues, &names)?,
-            _ => self.pictures.none()?,
+            ([one], [isovalues]) => self.pictures.files().files(&one.volume.name, isovalues, &names)?,
+            _ => self.pictures.files().refuse().map(|()| Vec::new())?,
         };
         let by_photons = |volume: &_, isovalue| self.photons.question(volume, isovalue, seed);
         let asked = Asked {
@@ -160,12 +159,12 @@ impl Compare {
         for (subject, isovalues) in subjects.iter().zip(&isovalues) {
             for (i, &isovalue) in isovalues.iter().enumerate() {
                 rows.extend(asked.rows(subject, isovalue, &seconds, &|p, shown| {
-                    let files = files.get(i * probes.len() + p);
-                    files.map_or(Ok(()), |files| self.pictures.write(files, shown))
+                    let look = self.pictures.look(subject.volume.up);
+                    files.get(i * probes.len() + p).map_or(Ok(()), |files| shown.write(files, &look))
                 })?);
             }
         }
-        console.print(table(&rows));
+        console.print(comparison::table(&rows));
         console.print(format!(
             "\n{} {}, {} paths each; all figures over the mean radiance of the reference. ± is half of the \
              95 % interval over the vertices. RMS %: after the reference's exposure, clamped to [0, 1], as Beason (2005) measured.",
@@ -176,12 +175,12 @@ impl Compare {
         if subjects.iter().any(Subject::is_among_others) {
             console.print("Vertices that another volume buries are left out.");
         }
-        console.print(format!("\nWhy: shares of the mean square of the difference\n{}", budget(&rows)));
+        console.print(format!("\nWhy: shares of the mean square of the difference\n{}", comparison::budget(&rows)));
         if self.against == Against::Photon {
-            console.print(format!("\n{}", photon_table(&rows)));
+            console.print(format!("\n{}", comparison::photons(&rows)));
         }
         if self.against == Against::Geometry {
-            console.print(format!("\n{}", geometry_table(&rows)));
+            console.print(format!("\n{}", comparison::geometry(&rows)));
         }
         for path in files.iter().flat_map(|f| f.paths()) {
             console.print(path.display());
@@ -192,132 +191,4 @@ impl Compare {
         }));
         Ok(())
     }
-}
-
-/// Which surface a row is of.
-fn surface(row: &Compared) -> String {
-    let isovalue = text::number(row.isovalue, 6);
-    match &row.volume {
-        Some(name) => format!("{name} {isovalue}"),
-        None => isovalue,
-    }
-}
-
-/// A share and half of its interval.
-fn share(figure: &Figure) -> String {
-    format!("{} ± {}", text::percent(figure.value), text::percent(figure.half_interval))
-}
-
-/// The same of what may be negative.
-fn signed(figure: &Figure) -> String {
-    format!("{:+.2} ± {:.2} %", 100.0 * figure.value, 100.0 * figure.half_interval)
-}
-
-fn table(rows: &[Compared]) -> String {
-    let mut lines = vec![text::row([
-        "isovalue",
-        "environment",
-        "against",
-        "relative RMS",
-        "without noise",
-        "95 %",
-        "max",
-        "bias",
-        "RMS %",
-        "time",
-    ])];
-    for row in rows {
-        for (against, d) in [("whole light", &row.found.whole), ("its bands", &row.found.band_limited)] {
-            lines.push(vec![
-                surface(row),
-                row.env.clone(),
-                against.into(),
-                share(&d.relative_rms),
-                text::percent(d.relative_rms_without_noise),
-                text::percent(d.percentile_95),
-                text::percent(d.maximum),
-                signed(&d.bias),
-                format!("{:.2}", d.rms_percent),
-                text::duration(Duration::from_secs_f64(row.seconds)),
-            ]);
-        }
-    }
-    text::table(&lines)
-}
-
-fn budget(rows: &[Compared]) -> String {
-    let names = rows.first().map_or(Vec::new(), |r| r.budget().iter().map(|b| b.name.to_string()).collect());
-    let head = ["isovalue", "environment"].map(String::from).into_iter().chain(names);
-    let mut lines = vec![head.chain(["total".into(), "noise of the reference".into()]).collect::<Vec<_>>()];
-    for row in rows {
-        let mut line = vec![surface(row), row.env.clone()];
-        let total: f64 = row.budget().iter().map(|b| b.mean_square).sum();
-        for b in row.budget() {
-            let rms = b.mean_square.abs().sqrt().copysign(b.mean_square);
-            line.push(format!("{:.1} % (RMS {:.2} %)", 100.0 * b.mean_square / total, 100.0 * rms));
-        }
-        line.push(format!("RMS {}", text::percent(total.sqrt())));
-        line.push(format!("RMS {}", text::percent(row.found.reference_noise)));
-        lines.push(line);
-    }
-    text::table(&lines)
-}
-
-/// Photons beside the store and the paths.
-fn photon_table(rows: &[Compared]) -> String {
-    let head = [
-        "isovalue",
-        "environment",
-        "store against photons",
-        "bias",
-        "photons against paths",
-        "bias",
-        "their noise",
-        "their bias (RMS)",
-        "hits",
-        "memory",
-    ];
-    let mut lines = vec![text::row(head)];
-    for row in rows {
-        let Some(p) = &row.photons else { continue };
-        lines.push(vec![
-            surface(row),
-            row.env.clone(),
-            share(&p.store.relative_rms),
-            signed(&p.store.bias),
-            share(&p.paths.relative_rms),
-            signed(&p.paths.bias),
-            text::percent(p.noise),
-            text::percent(p.bias),
-            p.hits.to_string(),
-            text::bytes(p.bytes as f64),
-        ]);
-    }
-    format!("Photons, relative RMS under the whole light\n{}", text::table(&lines))
-}
-
-/// The surface itself beside the store and the paths.
-fn geometry_table(rows: &[Compared]) -> String {
-    let head =
-        ["isovalue", "environment", "store", "bias", "normals", "without noise", "bias", "standard error", "rays lost"];
-    let mut lines = vec![text::row(head)];
-    for row in rows {
-        let Some(g) = &row.geometry else { continue };
-        lines.push(vec![
-            surface(row),
-            row.env.clone(),
-            share(&g.store.relative_rms),
-            signed(&g.store.bias),
-            share(&g.normals.relative_rms),
-            text::percent(g.normals.relative_rms_without_noise),
-            format!("{:+.2} %", 100.0 * g.normals.bias.value),
-            format!("{:.2} %", 100.0 * g.normals.bias.standard_error()),
-            format!("{} of {}", g.counts.lost, g.counts.rays),
-        ]);
-    }
-    format!(
-        "Against the surface itself, relative RMS under the whole light; normals: smoothed ones, which paths start \
-         about, against its own\n{}",
-        text::table(&lines)
-    )
 }

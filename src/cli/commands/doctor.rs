@@ -1,6 +1,5 @@
 //! `isolume doctor`: what is unusual about a file and what this program does about it.
 
-use crate::cli::args::isovalue::Isovalue;
 use crate::cli::args::volume::VolumeArgs;
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::present::console::Console;
@@ -9,6 +8,7 @@ use crate::file::file_name;
 use crate::finding::Finding;
 use crate::inspect::{Diagnosed, Looked};
 use crate::probe::Layout;
+use crate::volume::Isovalue;
 use serde_json::json;
 
 /// Say what is unusual about a volume, an environment or a store, and what is done about it

@@ -1,7 +1,5 @@
 //! `isolume info`: what is in a volume or a store.
 
-use crate::cli::args::isovalue::Chosen;
-use crate::cli::args::volume;
 use crate::cli::args::volume::VolumeArgs;
 use crate::cli::commands::watch::follow;
 use crate::cli::failure::Outcome;
@@ -10,7 +8,9 @@ use crate::cli::present::text;
 use crate::error::Error;
 use crate::file::file_name;
 use crate::inspect::{StoreFacts, VolumeFacts, solid_text};
+use crate::scene::Member;
 use crate::transfer::store::is_store;
+use crate::volume::isovalue::Chosen;
 use crate::volume::{Series, Volume};
 use std::time::Duration;
 
@@ -47,7 +47,10 @@ impl Info {
             let remedy = "give the store that is baked: isolume info X.isolume --watch";
             return Err(Error::argument("--watch", &self.input, "a transfer store", remedy).into());
         }
-        let opened = volume::look_at(&self.input, &self.volume)?;
+        let mut options = self.volume.options();
+        // Of several channels the first is looked at, where none is chosen.
+        options.choice.any_channel = true;
+        let opened = Member::open(&self.input, &options)?;
         let volume = &opened.volume;
         let (low, high) = volume.value_range();
         let facts = VolumeFacts::of(&opened);

@@ -16,6 +16,7 @@ pub(in crate::cli) mod pack;
 pub(in crate::cli) mod placements;
 pub(in crate::cli) mod plan;
 pub(in crate::cli) mod relight;
+pub(in crate::cli) mod replay;
 pub(in crate::cli) mod study;
 pub(in crate::cli) mod thesis;
 pub(in crate::cli) mod verify;

@@ -1,7 +1,6 @@
 //! `isolume study placements`: where radiance samples of a texture should lie.
 
 use crate::bake::lattice_of;
-use crate::cli::args::isovalue::Isovalue;
 use crate::cli::args::light::{Triple, parse_triple};
 use crate::cli::args::transfer::{parse_bytes, parse_rays};
 use crate::cli::args::volume::VolumeArgs;
@@ -16,6 +15,7 @@ use crate::probe::{Orientation, Probe};
 use crate::scene::{DARK, Effects, Scene, SceneFile, TextureSize, open_probe};
 use crate::study::placements::Placement;
 use crate::study::placements::sweep::{PlacementRow, PlacementSweep};
+use crate::volume::Isovalue;
 use std::path::PathBuf;
 
 /// Show where radiance samples should lie that are scattered into a texture (Beason 2005)

@@ -1,7 +1,6 @@
 //! `isolume plan`: what a bake would simulate, and why.
 
 use crate::bake::Hints;
-use crate::cli::args::isovalue::tell;
 use crate::cli::args::transfer::{BakeArgs, parse_time};
 use crate::cli::args::volume::VolumeArgs;
 use crate::cli::failure::{Failure, Outcome};
@@ -13,6 +12,7 @@ use crate::probe::Orientation;
 use crate::scene::geometry::Geometry;
 use crate::scene::{Scene, SceneFile, environment};
 use crate::study::forecast as forecasts;
+use crate::volume::isovalue::Chosen;
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -49,7 +49,7 @@ pub(in crate::cli) struct Plan {
 impl Plan {
     pub(in crate::cli) fn run(&self, seed: u64, console: &Console) -> Outcome {
         let transfer = &self.bake.transfer;
-        let mut scene = transfer.open(&self.input, self.scene.as_ref(), &self.volume)?;
+        let mut scene = transfer.scene(&self.volume).open(&self.input, self.scene.as_ref())?;
         let (mut plans, mut isovalues) = (Vec::new(), Vec::new());
         for member in 0..scene.members().len() {
             let (plan, chosen) = self.run_member(&mut scene, member, seed, console)?;
@@ -79,7 +79,7 @@ impl Plan {
         let opened = &mut scene.members_mut()[member];
         let scene = self.scene.as_ref();
         let chosen = opened.settle_in(&self.bake.isovalues, scene)?;
-        tell(console, chosen.as_deref().unwrap_or_default());
+        chosen.iter().flatten().flat_map(Chosen::notes).for_each(|text| console.note(text));
         let isovalues: Option<Vec<f64>> = chosen.map(|list| list.iter().map(|c| c.value).collect());
         let (volume, geometry, quality) = (&*opened.volume, opened.geometry.as_ref(), self.bake.quality(seed));
         let mut job = quality.request(opened, isovalues, Vec::new())?;
@@ -146,11 +146,9 @@ impl Plan {
             None => console
                 .print("nothing reaches that: give more time, a larger error, or a finer texture than the data's"),
         }
-        let rows: Vec<Value> = all
-            .iter()
-            .flat_map(|w| (4..=12).map(move |k| forecast::to_json(w, &w.pilot.forecast(1 << k), threads)))
-            .collect();
+        let rows: Vec<Value> =
+            all.iter().flat_map(|w| (4..=12).map(move |k| w.to_json(&w.pilot.forecast(1 << k), threads))).collect();
         Ok(json!({ "isovalue": isovalue, "environment": probe.name, "rows": rows,
-            "chosen": chosen.map(|(w, f)| forecast::to_json(w, &f, threads)) }))
+            "chosen": chosen.map(|(w, f)| w.to_json(&f, threads)) }))
     }
 }

@@ -1,6 +1,5 @@
 //! `isolume relight`: light on surfaces, from a store, in milliseconds.
 
-use crate::cli::args::isovalue::{NamedIsovalue, parse_named};
 use crate::cli::args::light::{LightArgs, MaterialArgs, by_option};
 use crate::cli::args::picture::PictureArgs;
 use crate::cli::args::transfer::TransferArgs;
@@ -15,7 +14,7 @@ use crate::error::Error;
 use crate::export::inputs::Inputs;
 use crate::lit::{Host, Job};
 use crate::probe::{Probe, SunSplit};
-use crate::scene::{SceneFile, VolumeOptions, open_probe};
+use crate::scene::{NamedIsovalue, SceneFile, open_probe};
 use crate::session::MeshOptions;
 use crate::transfer::store::{Holdings, Store};
 use std::path::PathBuf;
@@ -45,7 +44,7 @@ pub(in crate::cli) struct Relight {
     /// a field about 0, in one picture. Of several volumes baked together isovalues are those of the first; NAME=C is that
     /// of another, and all surfaces that belong to it are lit
     #[arg(short, long, visible_alias = "isovalues", value_name = "[NAME=]C[,…]", value_delimiter = ',')]
-    #[arg(required = true, allow_hyphen_values = true, value_parser = parse_named)]
+    #[arg(required = true, allow_hyphen_values = true)]
     isovalue: Vec<NamedIsovalue>,
     /// Environment: an image file, courtyard, studio, sunset, or a sky: constant, gradient, overcast, sky, sun:AZ,EL
     /// (azimuth counter-clockwise from the centre of an image, glTF +X)
@@ -137,10 +136,8 @@ impl Relight {
             outputs: &self.output,
             inputs: &inputs,
             allow_empty: self.allow_empty,
-            volume: VolumeOptions { shadowing: quality.effects.shadowing(), ..self.volume.options() },
+            how: self.transfer.scene(&self.volume),
             quality,
-            fog: self.transfer.fog,
-            translucent: self.transfer.translucent,
             light: self.light.options(SunSplit::Auto),
             sun_split: self.light.sun_split,
             luminaires: &self.light.luminaires,

@@ -1,6 +1,5 @@
 //! `isolume study`: what accuracy costs in time on the user's own volume, measured.
 
-use crate::cli::args::isovalue::Isovalue;
 use crate::cli::args::light::parse_triple;
 use crate::cli::args::transfer::parse_bytes;
 use crate::cli::args::volume::VolumeArgs;
@@ -9,13 +8,13 @@ use crate::cli::commands::thesis::ThesisArgs;
 use crate::cli::failure::Outcome;
 use crate::cli::present::console::Console;
 use crate::cli::present::lent::clock;
-use crate::cli::present::text;
+use crate::cli::present::{study, text};
 use crate::error::Error;
 use crate::export::target;
 use crate::probe::Orientation;
 use crate::scene::{Effects, Scene, SceneFile, environment};
-use crate::study::figure::{rungs, seconds_at};
-use crate::study::sweep::{Sweep, Swept};
+use crate::study::sweep::Sweep;
+use crate::volume::Isovalue;
 use std::path::PathBuf;
 
 /// Show what accuracy costs in time: bake one surface in many ways and compare each with
@@ -118,13 +117,13 @@ impl Study {
         };
         let swept = sweep.run(&clock(), &|text| console.note(text))?;
         swept.write(&folder)?;
-        console.print(table(&swept));
+        console.print(study::table(&swept));
         console.print(format!(
             "\nforecast of the pilot of `isolume plan`, against what was measured\n{}",
-            forecasts(&swept)
+            study::forecasts(&swept)
         ));
-        console.print(format!("\nseconds of processor time to the same error\n{}", seconds_table(&swept)));
-        console.print(format!("\nfewer bits, of the bake with {} rays\n{}", swept.rays_of_kept, kept_table(&swept)));
+        console.print(format!("\nseconds of processor time to the same error\n{}", study::seconds(&swept)));
+        console.print(format!("\nfewer bits, of the bake with {} rays\n{}", swept.rays_of_kept, study::kept(&swept)));
         console.print(format!(
             "\nwritten to {}: study.csv, study.json, study.svg; reference: {} rays, noise {}, {:.1} s",
             folder.display(),
@@ -153,66 +152,4 @@ impl Study {
         let of_scene = file.filter(|_| self.isovalue == Isovalue::Auto).map(SceneFile::listed_isovalues);
         of_scene.iter().flatten().next().map_or(Ok(self.isovalue), |first| first.parse())
     }
-}
-
-fn forecasts(swept: &Swept) -> String {
-    let mut lines = vec![text::row(["setting", "cpu s", "forecast", "ratio", "error", "forecast", "ratio"])];
-    for row in &swept.rows {
-        let Some(forecast) = swept.forecast_of(row) else { continue };
-        let error = row.measured.band_limited.relative_rms_without_noise;
-        lines.push(vec![
-            format!("{}, {}", row.curve, row.label),
-            format!("{:.2}", row.cpu),
-            format!("{:.2}", forecast.seconds),
-            format!("{:.2}", forecast.seconds / row.cpu),
-            text::percent(error),
-            text::percent(forecast.error),
-            format!("{:.2}", forecast.error / error),
-        ]);
-    }
-    text::table(&lines)
-}
-
-fn seconds_table(swept: &Swept) -> String {
-    let head = rungs(&swept.marks).into_iter().map(text::percent);
-    let mut lines = vec![std::iter::once("curve".to_string()).chain(head).collect::<Vec<_>>()];
-    for (name, seconds) in seconds_at(&swept.marks) {
-        let cells = seconds.into_iter().map(|s| s.map_or("-".into(), |s| format!("{s:.2}")));
-        lines.push(std::iter::once(name).chain(cells).collect());
-    }
-    text::table(&lines)
-}
-
-fn table(swept: &Swept) -> String {
-    const PARTS: [&str; 5] = ["interpolation", "layers", "noise", "bias", "rounding"];
-    let head = ["setting", "cpu s", "wall s", "rays", "bytes", "error", "±"].into_iter().chain(PARTS).chain(["front"]);
-    let mut lines = vec![text::row(head)];
-    for (i, r) in swept.rows.iter().enumerate() {
-        let rms = |name: &str| {
-            let square = r.measured.row(name);
-            text::percent(square.abs().sqrt().copysign(square))
-        };
-        let mut line = vec![
-            format!("{}, {}", r.curve, r.label),
-            format!("{:.2}", r.cpu),
-            format!("{:.2}", r.wall),
-            text::metric(r.rays as f64),
-            text::bytes(r.bytes as f64),
-            text::percent(r.measured.band_limited.relative_rms_without_noise),
-            text::percent(r.measured.band_limited.relative_rms.half_interval),
-        ];
-        line.extend(PARTS.map(rms));
-        line.push(if swept.front.contains(&i) { "*".into() } else { String::new() });
-        lines.push(line);
-    }
-    text::table(&lines)
-}
-
-/// What keeping fewer bits costs.
-fn kept_table(swept: &Swept) -> String {
-    let mut lines = vec![text::row(["coefficients kept as", "bytes a texel", "error of rounding", "all error"])];
-    lines.extend(swept.kept.iter().map(|k| {
-        vec![k.name.clone(), format!("{:.0}", k.bytes_of_texel), text::percent(k.rounding), text::percent(k.error)]
-    }));
-    text::table(&lines)
 }

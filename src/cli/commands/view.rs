@@ -1,7 +1,6 @@
 //! `isolume view`: the live page, served on this machine or written into one file.
 
 use crate::cache::{Filled, InUse, MemberBakes};
-use crate::cli::args::isovalue::{Isovalue, NamedIsovalue, parse_named};
 use crate::cli::args::transfer::TransferArgs;
 use crate::cli::args::volume::VolumeArgs;
 use crate::cli::commands::cache::ready;
@@ -14,11 +13,12 @@ use crate::export::atomic;
 use crate::export::inputs::Inputs;
 use crate::export::target::check_file;
 use crate::probe::Probe;
-use crate::scene::{SceneFile, TextureSize, open_probe};
+use crate::scene::{NamedIsovalue, SceneFile, TextureSize, open_probe};
 use crate::transfer::store::{Store, check_store, is_store};
 use crate::view::page::page_in_one_file;
 use crate::view::server::Server;
 use crate::view::{Coding, Options, Package, package_of, page_probes};
+use crate::volume::Isovalue;
 use serde_json::json;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -115,7 +115,7 @@ impl View {
             }
             return Ok((self.choose(Store::open(&self.input)?, console)?, None));
         }
-        let mut scene = self.transfer.open(&self.input, self.scene.as_ref(), &self.volume)?;
+        let mut scene = self.transfer.scene(&self.volume).open(&self.input, self.scene.as_ref())?;
         if let Some(name) = &self.of_volume {
             scene.member_named(name)?;
         }
@@ -152,7 +152,7 @@ impl View {
     /// The isovalues that the scene lists, and the one to begin with; none where all are baked.
     fn isovalues_of_scene(&self) -> Outcome<Vec<NamedIsovalue>> {
         let listed = self.scene.iter().filter(|_| !self.all_isovalues).flat_map(SceneFile::listed_isovalues);
-        let listed = listed.map(|text| parse_named(&text).map_err(Failure::Message));
+        let listed = listed.map(|text| text.parse().map_err(Failure::Message));
         let mut all = listed.collect::<Outcome<Vec<NamedIsovalue>>>()?;
         if !all.is_empty() && self.isovalue != Isovalue::Auto {
             all.push(NamedIsovalue { volume: self.of_volume.clone(), isovalue: self.isovalue });

@@ -3,7 +3,6 @@
 use crate::cli::present::text;
 use crate::study::forecast::Weighed;
 use crate::study::model::Forecast;
-use serde_json::{Value, json};
 
 /// All forecasts from 16 to 4096 rays, the chosen one marked.
 pub(in crate::cli) fn table(all: &[Weighed], chosen: Option<(f64, u32)>, threads: usize) -> String {
@@ -35,13 +34,4 @@ fn line(weighed: &Weighed, forecast: &Forecast, threads: usize, is_chosen: bool)
         text::bytes(weighed.bytes as f64),
         if is_chosen { "chosen".into() } else { String::new() },
     ]
-}
-
-/// For programs.
-pub(in crate::cli) fn to_json(weighed: &Weighed, forecast: &Forecast, threads: usize) -> Value {
-    json!({
-        "texture": weighed.ratio, "rays": forecast.rays, "cpu_seconds": forecast.seconds,
-        "seconds": forecast.seconds / threads as f64, "error": forecast.error, "bytes": weighed.bytes,
-        "texels": weighed.pilot.texels, "floor": weighed.pilot.accuracy.floor.sqrt(),
-    })
 }

@@ -32,6 +32,7 @@ enum Body {
 
 /// Light of one luminaire that would arrive at a point, if nothing is between.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[doc(hidden)]
 pub struct ArrivingLight {
     /// Unit vector to the light.
     pub direction: DVec3,
@@ -55,6 +56,7 @@ pub(crate) struct LeavingPhoton {
 
 /// A ray that met a luminaire.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[doc(hidden)]
 pub struct LightHit {
     /// Which.
     pub luminaire: usize,
@@ -333,6 +335,7 @@ fn cap_height(distance: f64, radius: f64) -> Option<f64> {
 impl Geometry {
     /// Exponents e of 2, one a luminaire, by which its texture is divided so that 16 bits hold any power: 2^e is just above
     /// its strength, in any channel, of a point at half the diagonal of the volume's box.
+    #[doc(hidden)]
     pub fn exponents(&self, volume: &Volume) -> Vec<i32> {
         let size = 0.5 * volume.world_bounds().size().length();
         (0..self.emitters.len()).map(|l| self.exponent(l, size)).collect()
@@ -351,6 +354,7 @@ impl Geometry {
     }
 
     /// Light of luminaire `l` towards a point, from two variates; `None` where it sends none there.
+    #[doc(hidden)]
     pub fn arriving(&self, l: usize, at: DVec3, u: [f32; 2]) -> Option<ArrivingLight> {
         self.emitters[l].arriving(at, u)
     }

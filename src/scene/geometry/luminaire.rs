@@ -77,6 +77,7 @@ impl DistantLight {
     }
 
     /// Its radiance.
+    #[doc(hidden)]
     pub fn source(&self) -> &dyn DirectionalSource {
         &*self.source
     }

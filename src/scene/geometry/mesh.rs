@@ -29,6 +29,7 @@ pub struct TriangleMesh {
 
 impl TriangleMesh {
     /// The corners of its triangles.
+    #[doc(hidden)]
     pub fn corners(&self) -> impl Iterator<Item = [DVec3; 3]> {
         self.triangles.iter().map(|t| t.map(|i| self.positions[i as usize]))
     }
@@ -38,6 +39,7 @@ impl TriangleMesh {
 ///
 /// # Errors
 /// When the content is none of the formats, is damaged, or has no triangle.
+#[doc(hidden)]
 pub fn read_mesh(bytes: &[u8], beside: &mut dyn FnMut(&str, u64) -> Result<Vec<u8>>) -> Result<TriangleMesh> {
     let first = bytes.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(0);
     let mesh = if bytes.starts_with(b"ply") {

@@ -49,6 +49,7 @@ pub enum Finish {
 
 impl Finish {
     /// Whether it sends light from one direction into one or two others.
+    #[doc(hidden)]
     pub fn is_specular(&self) -> bool {
         !matches!(self, Self::Diffuse(_))
     }
@@ -67,6 +68,7 @@ pub struct Wall {
 
 /// Where a ray meets a wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[doc(hidden)]
 pub struct WallHit {
     /// From the origin of the ray.
     pub distance: f64,
@@ -82,6 +84,7 @@ pub struct WallHit {
 
 /// A part of a mirror that is flat.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[doc(hidden)]
 pub struct FlatMirror {
     /// The part.
     pub part: u32,
@@ -117,6 +120,7 @@ pub struct Geometry {
 /// Most primitives that are simply tried in turn.
 const FEW: usize = 8;
 /// Most luminaires of a scene: each is asked at every bounce.
+#[doc(hidden)]
 pub const MOST_LUMINAIRES: usize = 32;
 /// Backs of walls that a camera sees through.
 const MOST_BACKS: usize = 64;
@@ -202,6 +206,7 @@ impl Geometry {
     }
 
     /// Whether there is nothing at all: a volume alone.
+    #[doc(hidden)]
     pub fn is_empty(&self) -> bool {
         self.is_vacuum() && self.media.is_empty() && self.body.is_none()
     }
@@ -276,11 +281,13 @@ impl Geometry {
     }
 
     /// What fills the solid of the lit volume, where that is translucent.
+    #[doc(hidden)]
     pub fn body(&self) -> Option<&Body> {
         self.body.as_ref()
     }
 
     /// What lies between surfaces.
+    #[doc(hidden)]
     pub fn media(&self) -> &[Medium] {
         &self.media
     }
@@ -291,6 +298,7 @@ impl Geometry {
     }
 
     /// Triangles, rectangles and spheres of all walls.
+    #[doc(hidden)]
     pub fn parts(&self) -> usize {
         self.primitives.len()
     }
@@ -319,11 +327,13 @@ impl Geometry {
     }
 
     /// Hash of all that decides what walls and luminaires do to light.
+    #[doc(hidden)]
     pub fn fingerprint(&self) -> &str {
         &self.fingerprint
     }
 
     /// The box of all walls; empty if there is none.
+    #[doc(hidden)]
     pub fn bounds(&self) -> Bounds {
         self.primitives.iter().fold(Bounds::EMPTY, |b, p| {
             let [low, high] = p.bounds();
@@ -332,6 +342,7 @@ impl Geometry {
     }
 
     /// The first wall on a ray nearer than `limit`; `from` is the part it starts on.
+    #[doc(hidden)]
     pub fn first_wall(&self, origin: DVec3, direction: DVec3, from: Option<u32>, limit: f64) -> Option<WallHit> {
         let mut best: Option<(f64, u32)> = None;
         let mut try_one = |part: u32, limit: f64| -> Option<f64> {
@@ -382,6 +393,7 @@ impl Geometry {
 
     /// The first wall on a ray that shows its front, or is not diffuse: what a camera sees that looks into a room from
     /// outside.
+    #[doc(hidden)]
     pub fn first_front(&self, origin: DVec3, direction: DVec3, limit: f64) -> Option<WallHit> {
         let (mut origin, mut from, mut passed) = (origin, None, 0.0);
         for _ in 0..MOST_BACKS {

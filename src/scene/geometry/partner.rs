@@ -8,10 +8,12 @@ use crate::volume::Volume;
 use std::sync::Arc;
 
 /// Most partners of a volume: each is asked by every ray.
+#[doc(hidden)]
 pub const MOST_PARTNERS: usize = 7;
 
 /// A volume beside the one that is baked: its level set of the isovalue that belongs to that of the ray.
 #[derive(Clone, Debug)]
+#[doc(hidden)]
 pub struct Partner {
     /// Its name in the scene.
     pub name: String,
@@ -27,6 +29,7 @@ pub struct Partner {
 
 /// The baked volume among its partners.
 #[derive(Clone, Debug, PartialEq)]
+#[doc(hidden)]
 pub struct Among {
     /// Its name in the scene.
     pub name: String,
@@ -43,6 +46,7 @@ impl Geometry {
     ///
     /// # Errors
     /// When a factor is outside [0, 1], two partners have one name, there are too many, or a partner has no cells.
+    #[doc(hidden)]
     pub fn with_partners(mut self, among: Among, mut partners: Vec<Partner>) -> Result<Self> {
         for (name, tint) in partners.iter().map(|p| (p.name.as_str(), p.tint)).chain([(&*among.name, among.tint)]) {
             if !tint.iter().all(|v| (0.0..=1.0).contains(v)) {
@@ -83,16 +87,19 @@ impl Geometry {
     }
 
     /// The volumes beside the baked one, by name.
+    #[doc(hidden)]
     pub fn partners(&self) -> &[Partner] {
         &self.partners
     }
 
     /// Factor on the albedo of the baked volume.
+    #[doc(hidden)]
     pub fn tint(&self) -> [f32; 3] {
         self.among.as_ref().map_or([1.0; 3], |among| among.tint)
     }
 
     /// The baked volume among its partners; `None` where it stands alone.
+    #[doc(hidden)]
     pub fn among(&self) -> Option<&Among> {
         self.among.as_ref()
     }

@@ -21,6 +21,7 @@ use glam::DVec3;
 use std::sync::Arc;
 
 /// Most media of a scene: each is walked by every ray.
+#[doc(hidden)]
 pub const MOST_MEDIA: usize = 8;
 
 /// Where a medium may lie, of what its field covers.
@@ -70,6 +71,7 @@ impl Body {
     ///
     /// # Errors
     /// When the medium does not, it shines, its tables are over another volume, the index is below 1, or nodes are not in [0, 1].
+    #[doc(hidden)]
     pub fn check(&self) -> Result<()> {
         self.medium.check()?;
         let refuse = |found: String, expected: &str, remedy: &str| {
@@ -99,6 +101,7 @@ impl Body {
     }
 
     /// Layers of its transfer: one a node, or one.
+    #[doc(hidden)]
     pub fn layers(&self) -> usize {
         self.nodes.len().max(1)
     }
@@ -125,6 +128,7 @@ pub fn albedo_nodes(count: usize) -> Vec<f64> {
 
 /// Factors of the layers of [`albedo_nodes`] at an albedo: barycentric interpolation in √(1 − a) with the weights (−1)^q, halved
 /// at both ends; 0 of the node that checks it.
+#[doc(hidden)]
 pub fn node_factors(nodes: &[f64], albedo: f64) -> Vec<f64> {
     let Some((_, nodes)) = nodes.split_last() else { return Vec::new() };
     let at = |a: f64| (1.0 - a).max(0.0).sqrt();
@@ -184,6 +188,7 @@ impl Medium {
     ///
     /// # Errors
     /// When an albedo is above 1, the phase function is none, or its region is empty.
+    #[doc(hidden)]
     pub fn check(&self) -> Result<()> {
         self.phase.check()?;
         let of = format!("the medium {}", self.name);
@@ -213,21 +218,25 @@ impl Medium {
     }
 
     /// Whether its extinction is the same everywhere.
+    #[doc(hidden)]
     pub fn is_constant(&self) -> bool {
         self.extinction.rows().len() == 1
     }
 
     /// Whether red, green and blue are dimmed alike.
+    #[doc(hidden)]
     pub fn is_grey(&self) -> bool {
         self.extinction.rows().iter().all(|(_, [r, g, b])| r == g && g == b)
     }
 
     /// Whether there is nothing of it anywhere.
+    #[doc(hidden)]
     pub fn is_vacuum(&self) -> bool {
         self.extinction.largest() == 0.0
     }
 
     /// Its box in world, where `lit` is the volume that is lit.
+    #[doc(hidden)]
     pub fn bounds(&self, lit: &Volume) -> Bounds {
         let field = match &self.field {
             MediumField::Lit => lit.world_bounds(),
@@ -246,6 +255,7 @@ impl Medium {
 
     /// A bound of the optical depth of any free segment, in the densest channel: the diagonal of its box times the largest
     /// extinction.
+    #[doc(hidden)]
     pub fn depth_bound(&self, lit: &Volume) -> f64 {
         let size = self.bounds(lit).size();
         if size.cmple(DVec3::ZERO).any() { 0.0 } else { size.length() * f64::from(self.extinction.largest()) }

@@ -141,6 +141,7 @@ impl Phase {
     ///
     /// # Errors
     /// When |g| or |k| is not below 1, or shares are negative or do not sum to 1.
+    #[doc(hidden)]
     pub fn check(&self) -> Result<()> {
         match self {
             Self::Isotropic | Self::Rayleigh | Self::Table(_) => Ok(()),
@@ -174,6 +175,7 @@ impl Phase {
     }
 
     /// Density per steradian of a turn by a cosine.
+    #[doc(hidden)]
     pub fn density(&self, cosine: f64) -> f64 {
         match self {
             Self::Isotropic => 1.0 / (4.0 * PI),
@@ -192,6 +194,7 @@ impl Phase {
     }
 
     /// The cosine of a variate in [0, 1).
+    #[doc(hidden)]
     pub fn cosine(&self, u: f64) -> f64 {
         let cosine = match self {
             Self::Isotropic => 2.0 * u - 1.0,
@@ -232,6 +235,7 @@ impl Phase {
     }
 
     /// The variate of a cosine: the inverse of [`Self::cosine`]. `None` for mixtures, which have none.
+    #[doc(hidden)]
     pub fn variate(&self, cosine: f64) -> Option<f64> {
         Some(match self {
             Self::Isotropic => 0.5 * (cosine + 1.0),

@@ -27,6 +27,7 @@ impl Store {
     /// # Errors
     /// When the lists of the points do not belong together or their vectors are not those of the store's groups; when the store
     /// is an archive or the system refuses.
+    #[doc(hidden)]
     pub fn write_checks(&self, isovalue: Option<f64>, checks: &CheckPoints) -> Result<()> {
         let expected = self.numbers_of_groups()?;
         let fits = match checks.coefficients() {
@@ -61,6 +62,7 @@ impl Store {
     ///
     /// # Errors
     /// When they are damaged, or of another store.
+    #[doc(hidden)]
     pub fn checks(&self, isovalue: Option<f64>) -> Result<Option<CheckPoints>> {
         let key = self.checks_key(isovalue);
         let (header, payload) = (format!("{key}.json"), format!("{key}.bin"));

@@ -185,6 +185,7 @@ impl Store {
     /// # Errors
     /// When an index or a length does not fit the layout, a brick lies beyond the lattice, a
     /// number of the extent is not finite, the store is an archive, or the system refuses.
+    #[doc(hidden)]
     pub fn write_chunk(&self, index: [usize; 3], bricks: Vec<Option<Brick>>, extent: &ChunkExtent) -> Result<()> {
         self.check_not_packed()?;
         self.check_chunk(index, &bricks)?;
@@ -267,6 +268,7 @@ impl Store {
     ///
     /// # Errors
     /// When the index is outside the lattice or a file is damaged or cannot be read.
+    #[doc(hidden)]
     pub fn read_chunk(&self, index: [usize; 3]) -> Result<Option<(Vec<Option<Brick>>, ChunkExtent)>> {
         let Found::Whole(chunk) = self.find_chunk(index)? else { return Ok(None) };
         let bricks = (0..self.slots()).map(|slot| Ok(self.view(&chunk, slot)?.map(|view| view.to_brick())));
@@ -278,6 +280,7 @@ impl Store {
     ///
     /// # Errors
     /// As [`Self::read_chunk`].
+    #[doc(hidden)]
     pub fn chunk_extent(&self, index: [usize; 3]) -> Result<Option<ChunkExtent>> {
         if self.packing.is_some() {
             check_index("chunk", index, self.layout.lattice.chunks())?;

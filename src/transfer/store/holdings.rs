@@ -78,6 +78,7 @@ impl Store {
     ///
     /// # Errors
     /// When a record is damaged or cannot be read.
+    #[doc(hidden)]
     pub fn is_complete(&self) -> Result<bool> {
         let all: usize = self.layout.lattice.chunks().iter().product();
         Ok(self.extents()?.len() == all)

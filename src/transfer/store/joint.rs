@@ -76,6 +76,7 @@ impl Store {
     ///
     /// # Errors
     /// As [`Self::open_or_create`]; when the store is of another scene.
+    #[doc(hidden)]
     pub fn open_or_add(
         path: impl AsRef<Path>,
         volume: &Volume,

@@ -103,6 +103,7 @@ impl Store {
     ///
     /// # Errors
     /// When no surface has it, or the store is damaged.
+    #[doc(hidden)]
     pub fn choose(&self, volume: &Volume, isovalue: Isovalue) -> Result<Chosen> {
         if isovalue == Isovalue::Auto {
             // Looks at every chunk, so only where it matters.
@@ -119,6 +120,7 @@ impl Store {
     ///
     /// # Errors
     /// When it has none; says what bakes one.
+    #[doc(hidden)]
     pub fn check_texture(&self, held: &Holdings, what: &str) -> Result<()> {
         if held.all || !held.in_texture.is_empty() || held.surfaces.is_empty() {
             return Ok(());

@@ -104,6 +104,7 @@ impl Store {
     ///
     /// # Errors
     /// When the identities differ, a chunk of either is damaged, or the system refuses.
+    #[doc(hidden)]
     pub fn take_from(&self, other: &Self) -> Result<MergeReport> {
         // A store of an older format is taken over chunk by chunk: writing stamps it anew.
         let identity = other.identity.in_current_format();

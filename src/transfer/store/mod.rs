@@ -147,6 +147,7 @@ impl Store {
     /// # Errors
     /// When there is something at `path`, the identity is not of this volume and format, the
     /// texture has too many chunks, the provenance is longer than 8 MiB, or the system refuses.
+    #[doc(hidden)]
     pub fn create(path: impl AsRef<Path>, volume: &Volume, identity: &Identity, provenance: Value) -> Result<Self> {
         StoreOptions::default().create(path, volume, identity, provenance)
     }
@@ -247,6 +248,7 @@ impl Store {
     /// # Errors
     /// [`Error::Mismatch`] naming the first field of the identity that differs; when metadata is damaged and nothing
     /// proves whose store it is ([`StoreOptions::repair`]); otherwise as [`Self::open`] and [`Self::create`].
+    #[doc(hidden)]
     pub fn open_or_create(
         path: impl AsRef<Path>,
         volume: &Volume,
@@ -257,6 +259,7 @@ impl Store {
     }
 
     /// What was damaged or missing when the store was opened to go on with it, and was written anew; one line each.
+    #[doc(hidden)]
     pub fn mended(&self) -> &[String] {
         &self.mended
     }
@@ -289,6 +292,7 @@ impl Store {
     ///
     /// # Errors
     /// When the store has no such group, or its metadata are damaged.
+    #[doc(hidden)]
     pub fn group(&self, group: &Group) -> Result<Self> {
         if !self.identity.groups().contains(group) {
             let held: Vec<String> = self.identity.groups().iter().map(Group::node).collect();
@@ -354,6 +358,7 @@ impl Store {
     ///
     /// # Errors
     /// When it is one.
+    #[doc(hidden)]
     pub fn check_not_packed(&self) -> Result<()> {
         if self.packing.is_none() {
             return Ok(());
@@ -368,6 +373,7 @@ impl Store {
     }
 
     /// Forgets which chunks were opened, so that bricks written since are seen.
+    #[doc(hidden)]
     pub fn refresh(&mut self) {
         self.chunks.iter_mut().for_each(|cell| *cell = OnceLock::new());
     }
@@ -377,6 +383,7 @@ impl Store {
     ///
     /// # Errors
     /// When somebody else holds it, the store is an archive, or the file system has no locks.
+    #[doc(hidden)]
     pub fn lock(&self) -> Result<StoreLock> {
         lock::lock(self.directory()?.path())
     }
@@ -386,6 +393,7 @@ impl Store {
     ///
     /// # Errors
     /// As [`Self::lock`].
+    #[doc(hidden)]
     pub fn lock_share(&self, share: usize, shares: usize) -> Result<StoreLock> {
         lock::lock_share(self.directory()?.path(), share, shares)
     }
@@ -399,6 +407,7 @@ impl Store {
     ///
     /// # Errors
     /// When the store is an archive, or the file system has no locks.
+    #[doc(hidden)]
     pub fn lock_chunk(&self, index: [usize; 3]) -> Result<StoreLock> {
         lock::chunk(self.directory()?.path(), &self.env, index)
     }
@@ -416,6 +425,7 @@ impl Store {
     ///
     /// # Errors
     /// When the store is an archive or the system refuses.
+    #[doc(hidden)]
     pub fn write_record(&self, name: &str, record: &Value) -> Result<()> {
         let text = format!("{:#}\n", sealed(json!({ "record": record })));
         self.backing.put(&format!("{}/{name}.json", self.records_key()), self.sync, text.as_bytes())
@@ -425,6 +435,7 @@ impl Store {
     ///
     /// # Errors
     /// When it is damaged or cannot be read.
+    #[doc(hidden)]
     pub fn record(&self, name: &str) -> Result<Option<Value>> {
         let key = format!("{}/{name}.json", self.records_key());
         let Some(sealed) = self.backing.json(&key)? else { return Ok(None) };

@@ -36,6 +36,7 @@ impl StoreOptions {
 
     /// See [`Self::repair`].
     #[must_use]
+    #[doc(hidden)]
     pub fn repair(self, repair: bool) -> Self {
         Self { repair, ..self }
     }
@@ -44,6 +45,7 @@ impl StoreOptions {
     ///
     /// # Errors
     /// As there.
+    #[doc(hidden)]
     pub fn create(
         self,
         path: impl AsRef<Path>,
@@ -58,6 +60,7 @@ impl StoreOptions {
     ///
     /// # Errors
     /// As there.
+    #[doc(hidden)]
     pub fn open_or_create(
         self,
         path: impl AsRef<Path>,
@@ -80,6 +83,7 @@ impl StoreOptions {
     ///
     /// # Errors
     /// As there.
+    #[doc(hidden)]
     pub fn open_or_add(
         self,
         path: impl AsRef<Path>,
@@ -125,6 +129,7 @@ impl StoreOptions {
 
     /// Whether the store at `path` describes how it was made, of this volume: then the provenance that is handed over
     /// with a bake that goes on is not needed.
+    #[doc(hidden)]
     pub fn knows(path: impl AsRef<Path>, volume: &Volume) -> bool {
         mend::describes(path.as_ref(), &node_name(&volume.name))
     }

@@ -111,6 +111,7 @@ impl StoreOptions {
     ///
     /// # Errors
     /// As [`Self::pack`].
+    #[doc(hidden)]
     pub fn pack_in_place(self, path: &Path, error: PackError) -> Result<Option<(PackReport, [u64; 2])>> {
         let source = Store::open(path)?;
         if source.packing().is_some() {

@@ -270,6 +270,7 @@ impl Store {
     ///
     /// # Errors
     /// When it is damaged.
+    #[doc(hidden)]
     pub fn mesh(&self) -> Result<Option<Mesh>> {
         let Some(mark) = &self.surface else { return Ok(None) };
         let vertices = self.layout.lattice.texels()[0];
@@ -301,6 +302,7 @@ impl Store {
     /// [`Error::Mismatch`] when the surface that is there has another mesh; when the isovalue is not finite or the mesh has other
     /// than one normal a vertex, numbers that are not finite, or triangles of vertices that are not there; when the store is a
     /// surface itself or an archive, or the system refuses.
+    #[doc(hidden)]
     pub fn open_or_add_surface(&self, isovalue: f64, mesh: &Mesh, world_from_grid: &Affine) -> Result<Self> {
         if !isovalue.is_finite() {
             return Err(Error::argument(

@@ -34,6 +34,7 @@ impl Store {
     ///
     /// # Errors
     /// When an index is outside the lattice or the system refuses to read; damage is no error here.
+    #[doc(hidden)]
     pub fn verify_chunks(&self, indices: &[[usize; 3]]) -> Result<Vec<ChunkCheck>> {
         let groups = self.other_groups()?;
         let nothing = Selection::empty(self.layout.lattice);
@@ -94,6 +95,7 @@ impl Store {
     ///
     /// # Errors
     /// When the store is an archive or the system refuses.
+    #[doc(hidden)]
     pub fn set_aside(&self, index: [usize; 3]) -> Result<()> {
         self.check_not_packed()?;
         let root = self.directory()?;
@@ -122,6 +124,7 @@ impl Store {
     ///
     /// # Errors
     /// When the store is an archive.
+    #[doc(hidden)]
     pub fn awaited(&self) -> Result<Vec<[usize; 3]>> {
         let entries = fs::read_dir(self.set_aside_root()?);
         let names = entries.into_iter().flatten().flatten().map(|entry| entry.file_name());
@@ -139,6 +142,7 @@ impl Store {
     ///
     /// # Errors
     /// When the store is an archive or the system refuses.
+    #[doc(hidden)]
     pub fn clear_set_aside(&self, index: [usize; 3]) -> Result<()> {
         let place = self.set_aside_folder(index)?;
         match fs::remove_dir_all(&place) {
@@ -171,6 +175,7 @@ impl Store {
     ///
     /// # Errors
     /// When the store is an archive or the system refuses.
+    #[doc(hidden)]
     pub fn ask(&self, claims: &ChunkExtent) -> Result<()> {
         // Of several processes one after the other: each rewrites what all have asked.
         let _adding = self.directory().ok().map(|directory| lock::adding(directory.path())).transpose()?;
@@ -186,6 +191,7 @@ impl Store {
     ///
     /// # Errors
     /// When the system refuses to read.
+    #[doc(hidden)]
     pub fn asked(&self) -> Result<ChunkExtent> {
         let mut all = self.read_asked()?.unwrap_or_default();
         let [cx, cy, cz] = self.layout.lattice.chunks();

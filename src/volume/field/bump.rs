@@ -5,9 +5,11 @@ use crate::geom::{Bounds, Up};
 use glam::DVec3;
 
 /// Least of F over the box, at its corners (0, 0, 0), (1, 0, 0), (0, 0, 1), (1, 0, 1).
+#[doc(hidden)]
 pub const BUMP_MINIMUM: f64 = 0.33781847;
 /// Greatest of F over the box, at (0.5, 0.901684949848…, 0.5): Newton's method with 50 digits,
 /// rounded to f64. A test climbs to it again.
+#[doc(hidden)]
 pub const BUMP_MAXIMUM: f64 = 1.2092084165075023;
 
 /// Weights, widths and centres of the five terms.

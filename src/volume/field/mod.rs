@@ -29,8 +29,10 @@ use crate::geom::{Affine, Bounds, Up};
 use glam::DVec3;
 
 /// Samples along the longest side when a name has no size.
+#[doc(hidden)]
 pub const DEFAULT_SIZE: usize = 64;
 /// Most samples along a side that a name may ask for.
+#[doc(hidden)]
 pub const LARGEST_SIZE: usize = 4096;
 
 /// A scalar function on a box in world space.

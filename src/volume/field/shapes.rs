@@ -181,11 +181,13 @@ impl SphereOverPlane {
     }
 
     /// R.
+    #[doc(hidden)]
     pub fn radius(&self) -> f64 {
         self.radius
     }
 
     /// H.
+    #[doc(hidden)]
     pub fn height(&self) -> f64 {
         self.height
     }

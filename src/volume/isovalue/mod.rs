@@ -88,6 +88,7 @@ impl Chosen {
     }
 
     /// What the program chose, and what a user should know of it.
+    #[doc(hidden)]
     pub fn notes(&self) -> Vec<String> {
         let value = quantity::number(self.value, 6);
         let reason = self.reason.as_ref().map(|reason| format!("isovalue {value}: {reason}"));

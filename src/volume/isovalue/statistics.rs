@@ -212,6 +212,7 @@ fn otsu(bins: &[u64]) -> f64 {
 }
 
 /// Counts of the samples in `count` bins over the whole range, for a picture of the distribution.
+#[doc(hidden)]
 pub fn overview(volume: &Volume, count: usize) -> Vec<u64> {
     let statistics = Statistics::new(volume);
     histogram(&statistics.sorted, statistics.low, statistics.high, count)
