@@ -36,7 +36,7 @@
 //! file, field, .toml ─scene→ Scene ─bake→ plan → transport → bricks ─transfer::store→ disk
 //!                                                                       (once, no light in hand)
 //! environment ─probe::open→ image ─project, rotate→ relight::Light ┐
-//! Store ─session→ Volume ─surface::extract(c)→ Mesh ───────────────┴→ relight → vertex colours ─export→ .glb .ply
+//! Store ─session→ Volume ─surface::extract(c)→ Mesh ───────────────┴→ relight → vertex colours ─export→ .glb .ply .usdz
 //!                                                                       (often, in milliseconds)
 //! Volume, light ─render→ preview picture ─export→ .png
 //! Bricks, Volume, probes ─view→ a page that does all of this on the GPU of a browser
@@ -104,7 +104,7 @@
 //! | [`render`] | camera rays for previews, what pixels see | solvers |
 //! | [`mod@compare`] | the store against paths and photons on the same surface, the budget of its errors | files |
 //! | [`study`] | what accuracy costs: settings against one reference, the front, the figure; where samples of a texture should lie | files, the clock |
-//! | [`export`] | GLB, PLY, PNG, VTI, NRRD, contact sheets, atomic files | volumes, SH, light |
+//! | [`export`] | GLB, USDZ, PLY, PNG, VTI, NRRD, contact sheets, simpler meshes, lightmaps, atomic files | volumes, SH, light |
 //! | [`session`] | a store, its surfaces, and light on them: meshes and pictures, step by step | the bake, the clock |
 //! | [`view`] | the live page and its data, as bytes; the server of the page, with the feature `cli` | solvers, and outside the server sockets |
 //! | `cli` | flags, progress, printing, threads, the clock, paths | the insides: public interface only |

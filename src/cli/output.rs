@@ -2,6 +2,7 @@
 
 use super::{Outcome, text};
 use crate::error::{Error, Result};
+use crate::export::simplify::Lod;
 use std::path::{Path, PathBuf};
 
 /// A kind of file.
@@ -10,6 +11,7 @@ pub(super) enum Format {
     Glb,
     Ply,
     Stl,
+    Usdz,
     Png,
 }
 
@@ -20,17 +22,18 @@ impl Format {
             Some("glb") => Ok(Self::Glb),
             Some("ply") => Ok(Self::Ply),
             Some("stl") => Ok(Self::Stl),
+            Some("usdz") => Ok(Self::Usdz),
             Some("png") => Ok(Self::Png),
             Some("gltf") => Err(Error::argument(
                 "output",
                 path.display(),
-                ".glb, .ply, .stl or .png",
+                ".glb, .ply, .stl, .usdz or .png",
                 "write .glb: glTF in one file",
             )),
             _ => Err(Error::argument(
                 "output",
                 path.display(),
-                "a name ending in .glb, .ply, .stl or .png",
+                "a name ending in .glb, .ply, .stl, .usdz or .png",
                 "the ending decides the format",
             )),
         }
@@ -42,6 +45,8 @@ impl Format {
 pub(super) struct Target {
     pub(super) path: PathBuf,
     pub(super) format: Format,
+    /// How many triangles are left in it; all, if `None`.
+    pub(super) lod: Option<Lod>,
 }
 
 /// The files for all isovalues × environments, isovalue-major, from `-o`: one name, a pattern with
@@ -75,7 +80,7 @@ pub(super) fn targets(output: &Path, name: &str, isovalues: &[f64], environments
         for env in environments {
             let path = pattern.replace("{isovalue}", &text::number(*c, 8)).replace("{env}", &clean(env));
             let path = PathBuf::from(path);
-            targets.push(Target { format: Format::of(&path)?, path });
+            targets.push(Target { format: Format::of(&path)?, path, lod: None });
         }
     }
     if let Some(twice) = (1..targets.len()).find(|&i| targets[..i].iter().any(|t| t.path == targets[i].path)) {

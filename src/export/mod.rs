@@ -4,7 +4,9 @@
 //!
 //! | module | writes |
 //! |---|---|
-//! | [`gltf`] | a lit mesh as GLB (glTF 2.0), colours linear in `COLOR_0` |
+//! | [`gltf`] | a lit mesh as GLB (glTF 2.0), colours linear in `COLOR_0`; small for the web, or with a picture of the colours |
+//! | [`usdz`] | a lit mesh with a picture of its colours as USDZ |
+//! | [`simplify`], [`lightmap`] | nothing: they make meshes of fewer triangles, and pictures of colours |
 //! | [`field`] | radiance on a lattice as VTI, NRRD and raw |
 //! | [`ply`] | the same mesh as binary PLY, colours 8-bit sRGB |
 //! | [`png`] | an [`Image`] as 8-bit sRGB PNG |
@@ -27,12 +29,18 @@ pub mod field;
 pub mod font;
 pub mod gltf;
 pub mod image;
+pub mod lightmap;
+mod nearest;
 pub mod ply;
+mod selection;
+pub mod simplify;
 pub mod stl;
 pub mod png;
 pub mod sheet;
+pub mod usdz;
 
 pub use image::Image;
+pub use selection::{Attributes, Selection};
 
 use crate::error::{Error, Result};
 use crate::geom::{Bounds, Up};
@@ -272,6 +280,13 @@ fn check_each(
     }
 }
 
+/// What needs the feature `meshopt` in a build without it.
+#[cfg(not(feature = "meshopt"))]
+fn without_meshopt(what: &str) -> Error {
+    let remedy = "build isolume with the feature meshopt, which the program has by default";
+    Error::argument("mesh", format!("{what} from a build without meshoptimizer"), "the feature meshopt", remedy)
+}
+
 /// A failed write to a stream; the path is added by [`Error::in_file`] where it is known.
 fn write_error(source: std::io::Error) -> Error {
     Error::io("", "write", source)
@@ -313,5 +328,7 @@ fn bytes_of_triple(v: [f32; 3]) -> [u8; 12] {
     bytes
 }
 
+#[cfg(test)]
+mod test_mesh;
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,6 @@
 //! One surface under one light, looked up and written.
 
-use super::Relight;
+use super::{Relight, report};
 use crate::cli::light::{by_option, sentence};
 use crate::cli::output::{Format, Target};
 use crate::cli::{Failure, Outcome, info, text};
@@ -9,7 +9,7 @@ use crate::level::Counts;
 use crate::probe::Probe;
 use crate::relight::{LookupReport, Material, SurfaceError, TotalError};
 use crate::scene::{EmissionRule, MaterialRule};
-use crate::session::{Lit, LitTexels, Session, Surface, with_medium_albedo};
+use crate::session::{Lit, LitTexels, MeshFile, Session, Surface, with_medium_albedo};
 use crate::transfer::store::{Holdings, Store};
 use std::time::{Duration, Instant};
 
@@ -56,6 +56,8 @@ pub(super) struct Written {
     pub(super) remainder: f32,
     pub(super) camera: Counts,
     pub(super) bytes: u64,
+    /// Of a mesh file.
+    pub(super) mesh: Option<MeshFile>,
     /// What is in the file: vertices and size, or pixels and view.
     pub(super) what: String,
 }
@@ -105,29 +107,28 @@ impl Context<'_> {
             sun_rays: lit.sun_rays(),
             notes: lit.notes().iter().filter(|note| c.tells(note)).map(|note| sentence(&probe.name, note)).collect(),
             bytes: 0,
+            mesh: None,
             what: String::new(),
         };
         match written.target.format {
             Format::Png => self.write_pictures(surface, &lit, probe, &mut written)?,
-            _ => self.write_mesh(surface, &lit, &mut written)?,
+            _ => self.write_mesh(&lit, &mut written)?,
         }
         Ok(written)
     }
 
-    fn write_mesh(&self, surface: &Surface<'_>, lit: &Lit<'_>, written: &mut Written) -> Outcome {
-        let options = self.command.mesh.options();
+    fn write_mesh(&self, lit: &Lit<'_>, written: &mut Written) -> Outcome {
+        let options = self.command.mesh.options(written.target.lod);
         let start = Instant::now();
         let path = &written.target.path;
-        written.what = format!("{} vertices", text::count(surface.vertices() as u64));
-        if written.target.format == Format::Ply {
-            lit.write_ply(path, &options)?;
-        } else if written.target.format == Format::Stl {
-            lit.write_stl(path)?;
-        } else {
-            let size = lit.write_gltf(path, &options).map_err(by_option)?;
-            let [x, y, z] = size.map(|side| text::number(side, 3));
-            written.what += &format!(", {x} × {y} × {z} m");
-        }
+        let made = match written.target.format {
+            Format::Ply => lit.write_ply(path, &options)?,
+            Format::Stl => lit.write_stl(path, &options)?,
+            Format::Usdz => lit.write_usdz(path, &options)?,
+            _ => lit.write_gltf(path, &options).map_err(by_option)?,
+        };
+        written.what = report::mesh(&made, written.target.format);
+        written.mesh = Some(made);
         written.times.write = start.elapsed();
         written.bytes = std::fs::metadata(path).map_or(0, |m| m.len());
         Ok(())

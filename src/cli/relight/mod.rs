@@ -1,5 +1,6 @@
 //! `isolume relight`: light on surfaces, from a store, in milliseconds.
 
+mod assets;
 mod file;
 mod joint;
 mod lobes;
@@ -21,11 +22,12 @@ use crate::probe::MOST_SUNS;
 use crate::probe::{Probe, SunOptions, SunSplit, split_sun};
 use crate::scene::geometry::Geometry;
 use crate::scene::{EmissionRule, MaterialRule, Scene, SceneFile};
-use crate::session::{LightNote, LightOptions, MeshOptions, Part, Session};
+use crate::session::{LightNote, LightOptions, Part, Session};
 use crate::sh::Window;
 use crate::transfer::store::{FRONT_NOT_RECORDED, Store};
 use crate::volume::Volume;
 use crate::volume::isovalue::Level;
+use assets::MeshArgs;
 use file::Written;
 use report::report;
 use std::path::{Path, PathBuf};
@@ -45,6 +47,7 @@ use work::{Source, Work};
   isolume relight brain.isolume --isovalue 90 --env sunset.exr --env sky -o out/
   isolume relight bumpbox:96 --isovalue auto --env sun:-45,30 -o bumps.png
   isolume relight orbital.cube --isovalue 0.03,-0.03 --env studio -o orbital.png   (both lobes)
+  isolume relight brain.isolume --isovalue 90 --env courtyard --for web --lod 20000 -o brain.glb
   isolume relight head.nii.gz --isovalue bone --env studio --keep-largest -o skull.png
   isolume relight scene.toml --exposure -1")]
 pub(in crate::cli) struct Relight {
@@ -101,36 +104,8 @@ pub(in crate::cli) struct Relight {
     pub(in crate::cli) scene: Option<SceneFile>,
 }
 
-#[derive(clap::Args, Clone, Debug)]
-struct MeshArgs {
-    /// Add the true linear radiance as attribute _RADIANCE, and its standard error as _STDERR
-    #[arg(long)]
-    radiance: bool,
-    /// Store COLOR_0 as 32-bit floats
-    #[arg(long)]
-    float_color: bool,
-    /// Store the transfer of each vertex in .glb files, for relighting elsewhere
-    #[arg(long)]
-    transfer: bool,
-    /// glTF units (metres) to a world unit [default: 0.001 where the file's unit is mm; else the longest side of the
-    /// volume becomes 1 m. The size in metres is printed]
-    #[arg(long, value_name = "S")]
-    scale: Option<f64>,
-}
-
 /// Share of the light of a lamp that dominates.
 const DOMINANT: f64 = 0.15;
-
-impl MeshArgs {
-    fn options(&self) -> MeshOptions {
-        MeshOptions {
-            radiance: self.radiance,
-            float_colour: self.float_color,
-            transfer: self.transfer,
-            scale: self.scale,
-        }
-    }
-}
 
 /// What a run of the command did.
 struct Relit {

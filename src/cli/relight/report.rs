@@ -6,7 +6,7 @@ use crate::cli::console::Console;
 use crate::cli::output::Format;
 use crate::cli::text;
 use crate::relight::{ErrorTerm, TotalError};
-use crate::session::total_json;
+use crate::session::{MeshFile, lightmap_json, simplified_json, total_json};
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -14,6 +14,43 @@ use std::time::Duration;
 const MOST_BELOW_A_TEXEL: f64 = 0.05;
 /// Noise over the mean from which on spots show.
 const MOST_NOISE: f64 = 0.15;
+
+/// What is in a mesh file, and how far it is off the isosurface.
+pub(super) fn mesh(made: &MeshFile, format: Format) -> String {
+    let mut what = format!("{} vertices", text::count(made.vertices as u64));
+    if matches!(format, Format::Glb | Format::Usdz) {
+        let [x, y, z] = made.size_in_metres.map(|side| text::number(side, 3));
+        what += &format!(", {x} × {y} × {z} m");
+    }
+    if let Some(error) = made.simplification {
+        what += &format!(
+            ", {} of {} triangles: at most {} off ({} of its longest side, RMS {}), colours {:.2} of 255",
+            text::count(made.triangles as u64),
+            text::count(made.triangles_of_isosurface as u64),
+            text::number(error.largest, 2),
+            text::percent(error.relative),
+            text::number(error.rms, 2),
+            255.0 * error.colour_rms
+        );
+        if error.pieces_left_out > 0 {
+            let (count, size) =
+                (text::count(error.pieces_left_out as u64), text::number(error.largest_piece_left_out, 2));
+            what += &format!("; {count} pieces of at most {size} left out");
+        }
+    }
+    if let Some(map) = made.lightmap {
+        what += &format!(
+            ", {0} × {0} texels in {1} charts, colours at the vertices {2:.2} of 255",
+            text::count(u64::from(map.side)),
+            text::count(map.charts as u64),
+            255.0 * map.colour_rms
+        );
+    }
+    if let Some(error) = made.position_error {
+        what += &format!(", positions rounded by at most {}", text::number(error, 2));
+    }
+    what
+}
 
 /// A relative error; black vertices have none.
 fn relative(error: f64) -> String {
@@ -198,12 +235,21 @@ pub(super) fn report(console: &Console, relit: &Relit) {
     }));
 }
 
+fn mesh_json(made: &MeshFile) -> Value {
+    json!({
+        "vertices": made.vertices, "triangles": made.triangles, "size_in_metres": made.size_in_metres,
+        "simplified": made.simplification.as_ref().map(simplified_json), "largest_position_error": made.position_error,
+        "lightmap": made.lightmap.as_ref().map(lightmap_json),
+    })
+}
+
 fn file_json(w: &Written) -> Value {
     json!({
         "path": w.target.path.display().to_string(),
         "isovalue": w.isovalue,
         "environment": w.env,
         "bytes": w.bytes,
+        "mesh": w.mesh.as_ref().map(mesh_json),
         "exposure_ev": w.exposure_ev,
         "error": {
             "rms_over_mean": w.rms_over_mean,

@@ -71,11 +71,7 @@ impl<'a> Work<'a> {
             command.output.iter().try_for_each(|output| make_folder(output))?;
         }
         let files = all_targets(command, volume, &isovalues, &environments)?;
-        if command.mesh.transfer && files.iter().flatten().all(|f| f.format != Format::Glb) {
-            let expected = "an output that ends in .glb";
-            let remedy = "transfer is carried by glTF alone: add -o NAME.glb, or leave out --transfer";
-            return Err(Error::argument("--transfer", "without a .glb", expected, remedy).into());
-        }
+        command.mesh.check(&files.concat())?;
         if files.iter().flatten().any(|f| f.format == Format::Png) {
             check_size(command.picture.seen.size, command.transfer.memory_limit)?;
         }
@@ -275,10 +271,11 @@ fn all_targets(
 ) -> Outcome<Vec<Vec<Target>>> {
     let mut all: Vec<Vec<Target>> = vec![Vec::new(); isovalues.len() * environments.len()];
     for output in &command.output {
-        for (slot, target) in
-            all.iter_mut().zip(targets(&command.picture.pattern(output)?, &volume.name, isovalues, environments)?)
-        {
-            slot.push(target);
+        for (lod, output) in command.mesh.levels(output)? {
+            let pattern = command.picture.pattern(&output)?;
+            for (slot, target) in all.iter_mut().zip(targets(&pattern, &volume.name, isovalues, environments)?) {
+                slot.push(Target { lod, ..target });
+            }
         }
     }
     let paths: Vec<&PathBuf> = all.iter().flatten().map(|t| &t.path).collect();
