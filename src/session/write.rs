@@ -267,6 +267,7 @@ pub fn simplified_json(error: &SimplificationError) -> Value {
 pub fn lightmap_json(report: &LightmapReport) -> Value {
     json!({
         "side": report.side, "charts": report.charts, "covered": report.covered, "colour_rms_srgb": report.colour_rms,
+        "seams_99_srgb": report.seams,
     })
 }
 

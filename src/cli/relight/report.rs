@@ -40,10 +40,11 @@ pub(super) fn mesh(made: &MeshFile, format: Format) -> String {
     }
     if let Some(map) = made.lightmap {
         what += &format!(
-            ", {0} × {0} texels in {1} charts, colours at the vertices {2:.2} of 255",
+            ", {0} × {0} texels in {1} charts, colours at the vertices {2:.2} of 255, across seams {3:.2}",
             text::count(u64::from(map.side)),
             text::count(map.charts as u64),
-            255.0 * map.colour_rms
+            255.0 * map.colour_rms,
+            255.0 * map.seams
         );
     }
     if let Some(error) = made.position_error {

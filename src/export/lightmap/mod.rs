@@ -1,7 +1,8 @@
 //! A mesh unwrapped into a square picture of its colours, for readers that drop vertex colours.
 //!
 //! The surface is cut into charts, each flat enough to be laid into the plane by projection (`charts`); rectangles around them are
-//! packed onto shelves (`pack`); every texel takes the colour of the surface at its place (`fill`). The mesh that
+//! packed onto shelves (`pack`); every texel takes the colour of the surface at its place (`fill`), and both sides of a seam are made
+//! equal (`seams`). The mesh that
 //! is shown may be simpler than the one that colours come from: then the picture keeps the shading that its triangles have lost.
 //!
 //! Written here, because the known unwrappers are C++ without a crate that is kept: no conformal maps, so that a chart is
@@ -10,6 +11,7 @@
 mod charts;
 mod fill;
 mod pack;
+mod seams;
 
 use super::gltf::Texture;
 use super::{ExportMesh, Image, Selection, png};
@@ -47,6 +49,8 @@ pub struct LightmapReport {
     /// Root mean square difference between the colour of a vertex and that of the picture at its place, in display signal (sRGB), from
     /// 0 to 1.
     pub colour_rms: f64,
+    /// Difference between the two sides of seams, the largest of the three channels: its 99th percentile, in display signal.
+    pub seams: f64,
 }
 
 /// Unwraps `shown`, and colours it as `original`: the same mesh, or the one that it was simplified from.
@@ -79,12 +83,13 @@ pub fn unwrap(shown: &ExportMesh<'_>, original: &ExportMesh<'_>, side: u32) -> R
         });
     };
     let of_original = places(original);
-    let picture = fill::fill(&charts, &packing, (&positions, shown.triangles), (&of_original, original))?;
+    let mut picture = fill::fill(&charts, &packing, (&positions, shown.triangles), (&of_original, original))?;
     let (selection, coordinates) = assemble(&charts, &packing);
+    let seams = seams::close(&mut picture, &selection, &coordinates);
     let colour_rms = difference(&picture, &selection, &coordinates, shown.colours);
     let mut bytes = Vec::new();
     png::write(&mut bytes, &picture.image, &png::PngOptions::default())?;
-    let report = LightmapReport { side, charts: charts.len(), covered: picture.covered, colour_rms };
+    let report = LightmapReport { side, charts: charts.len(), covered: picture.covered, colour_rms, seams };
     Ok(Lightmap { selection, texture: Texture { coordinates, png: bytes }, report })
 }
 
@@ -117,15 +122,9 @@ fn difference(picture: &fill::Picture, selection: &Selection, coordinates: &[[f3
     (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
 }
 
-/// The colour of a picture at a place in [0, 1], linear between the centres of texels.
+/// The colour of a square picture at a place in [0, 1], linear between the centres of texels.
 fn sample(image: &Image, place: [f32; 2]) -> [f32; 3] {
-    let sides = [image.width(), image.height()];
-    let at = [0, 1].map(|a| (place[a] * sides[a] as f32 - 0.5).clamp(0.0, (sides[a] - 1) as f32));
-    let low = at.map(|x| x as usize);
-    let high = [0, 1].map(|a| (low[a] + 1).min(sides[a] - 1));
-    let [u, v] = [0, 1].map(|a| at[a] - low[a] as f32);
-    let row = |y: usize, c: usize| (1.0 - u) * image.pixel(low[0], y)[c] + u * image.pixel(high[0], y)[c];
-    [0, 1, 2].map(|c| (1.0 - v) * row(low[1], c) + v * row(high[1], c))
+    seams::sample(image, place.map(|x| image.width() as f32 * x))
 }
 
 #[cfg(test)]

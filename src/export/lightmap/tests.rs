@@ -67,6 +67,16 @@ fn the_picture_has_the_colours_of_the_vertices() {
     }
 }
 
+#[test]
+fn both_sides_of_a_seam_have_one_colour() {
+    // Colours that change from vertex to vertex, some texels apart.
+    let mut torus = TestMesh::torus(20);
+    let value = |v: u32, c: u32| crate::sampling::hash::uniform(3, u64::from(v), c, 0);
+    torus.colours = (0..torus.positions.len() as u32).map(|v| [0, 1, 2].map(|c| value(v, c))).collect();
+    let map = unwrap(&torus.mesh(), &torus.mesh(), 512).expect("room enough");
+    assert!(map.report.charts > 4 && map.report.seams < 3.0 / 255.0, "{:?}", map.report);
+}
+
 #[cfg(feature = "meshopt")]
 #[test]
 fn a_simpler_mesh_keeps_the_shading_of_the_original() {
