@@ -36,7 +36,7 @@
 //! file, field, .toml ─scene→ Scene ─bake→ plan → transport → bricks ─transfer::store→ disk
 //!                                                                       (once, no light in hand)
 //! environment ─probe::open→ image ─project, rotate→ relight::Light ┐
-//! Store ─session→ Volume ─surface::extract(c)→ Mesh ───────────────┴→ relight → vertex colours ─export→ .glb .ply
+//! Store ─session→ Volume ─surface::extract(c)→ Mesh ───────────────┴→ relight → vertex colours ─export→ .glb .ply .usdz
 //!                                                                       (often, in milliseconds)
 //! Volume, light ─render→ preview picture ─export→ .png
 //! Bricks, Volume, probes ─view→ a page that does all of this on the GPU of a browser
@@ -104,7 +104,7 @@
 //! | [`mod@bake`] | requests, goals, what is pending or damaged, the bake into a store | probes, relighting, the clock |
 //! | [`relight`] | the runtime: contraction, lookup, albedo, emission, exposure | rays, solvers, files |
 //! | [`render`] | camera rays for previews, what pixels see | solvers |
-//! | [`export`] | GLB, PLY, PNG, VTI, NRRD, contact sheets, atomic files | volumes, SH, light |
+//! | [`export`] | GLB, USDZ, PLY, PNG, VTI, NRRD, contact sheets, simpler meshes, lightmaps, atomic files | volumes, SH, light |
 //! | [`session`] | a store, its surfaces, and light on them: meshes and pictures, step by step | the bake, the clock |
 //! | [`cache`] | stores of volumes that are lit without a bake of their own: their place, drafts before them, what leaves | how a store is lit |
 //! | [`lit`] | from a store, a volume or a scene to files of lit surfaces: choices, drafts, bakes into the cache | the clock |

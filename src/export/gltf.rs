@@ -9,17 +9,23 @@
 //! * [`Scalars`] carry what else belongs to the vertices, such as transfer coefficients.
 //! * `KHR_materials_unlit`: the light is in the colours. A viewer without it sees a rough,
 //!   non-metallic white that the colours modulate.
+//! * [`GltfOptions::for_web`] makes a file of a quarter of the bytes (`web`), [`Texture`] puts the colours into a picture in the file.
 //! * A surface without triangles is a file with a node and no mesh: accessors cannot be empty.
 
-use super::{ExportMesh, StandardError, bytes_of_triple, write_error, write_records};
+mod layout;
+mod web;
+
+use super::{ExportMesh, write_error};
 use crate::error::{Error, Result};
 use crate::geom::Bounds;
 use ::gltf::json::validation::{Checked, USize64};
 use ::gltf::json::{self, Index, accessor, buffer, extensions, extras::RawValue, material, mesh, scene};
 use glam::{DQuat, DVec3, Vec3};
+use layout::{Content, Layout, View, write_view};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::Write;
+use web::Packed;
 
 /// How `COLOR_0` is stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -52,6 +58,36 @@ pub struct GltfOptions {
     pub scalars: Vec<Scalars>,
     /// What readers of [`GltfOptions::scalars`] need to know, for `extras` of the mesh; left out when null.
     pub mesh_extras: Value,
+    /// Whether the file is made small, for readers that have `KHR_mesh_quantization` and `EXT_meshopt_compression`: three.js,
+    /// Babylon.js and what is built on them. Positions are rounded to 16 bits ([`position_error`]), normals left out unless there
+    /// are [`GltfOptions::scalars`], colours as without it, vertices and triangles in another order.
+    pub for_web: bool,
+    /// A picture in the place of `COLOR_0`.
+    pub texture: Option<Texture>,
+}
+
+impl GltfOptions {
+    /// The same without what belongs to vertices.
+    fn without_attributes(&self) -> Self {
+        Self {
+            generator: self.generator.clone(),
+            copyright: self.copyright.clone(),
+            provenance: self.provenance.clone(),
+            scalars: Vec::new(),
+            mesh_extras: self.mesh_extras.clone(),
+            texture: None,
+            ..*self
+        }
+    }
+}
+
+/// A picture of the colours, in sRGB, for readers that drop `COLOR_0`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Texture {
+    /// Where each vertex lies in it: from the left and from the top, in [0, 1].
+    pub coordinates: Vec<[f32; 2]>,
+    /// The bytes of a PNG file.
+    pub png: Vec<u8>,
 }
 
 /// A number to each vertex, as an attribute of its own.
@@ -75,6 +111,8 @@ impl Default for GltfOptions {
             provenance: Value::Null,
             scalars: Vec::new(),
             mesh_extras: Value::Null,
+            for_web: false,
+            texture: None,
         }
     }
 }
@@ -107,24 +145,47 @@ pub fn size_in_metres(mesh: &ExportMesh<'_>, given: Option<f64>) -> [f64; 3] {
     (sides * given.unwrap_or_else(|| scale(mesh))).to_array()
 }
 
-/// Largest vertex count with 16-bit indices: 65,535 is the primitive restart value, so 65,534 is
-/// the last index.
-const MOST_U16_VERTICES: usize = 65_535;
+/// How far positions of a file with [`GltfOptions::for_web`] are off at most, in world units: half the diagonal of a cell of the
+/// lattice that they are rounded to, which is shared by all surfaces of one box.
+pub fn position_error(mesh: &ExportMesh<'_>) -> f64 {
+    web::Lattice::new(mesh).largest_error()
+}
 
 /// Writes a mesh as GLB.
 ///
 /// # Errors
 /// What [`ExportMesh::check`] refuses; [`Error::Argument`] for a scale that is not positive or
-/// not normal in f32, or a place beyond f32; [`Error::Limit`] above 4 GiB, the most a GLB can hold;
-/// [`Error::Io`] (path empty) from the stream.
+/// not normal in f32, or a place beyond f32, or for the web where the crate was built without the feature `meshopt`;
+/// [`Error::Limit`] above 4 GiB, the most a GLB can hold; [`Error::Io`] (path empty) from the stream.
 pub fn write(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, options: &GltfOptions) -> Result<()> {
     mesh.check()?;
     check_scalars(mesh, &options.scalars)?;
+    check_texture(mesh, options.texture.as_ref())?;
+    if !options.for_web {
+        return write_chunks(w, mesh, options, &Layout::new(mesh, options), None);
+    }
+    let order = web::order(mesh)?;
+    let attributes = order.attributes(mesh);
+    let mesh = &attributes.mesh(mesh);
+    let texture = options.texture.as_ref();
+    let texture = texture.map(|t| Texture { coordinates: order.of(&t.coordinates), png: t.png.clone() });
+    let options = &GltfOptions { scalars: order.of_scalars(&options.scalars), texture, ..options.without_attributes() };
     let layout = Layout::new(mesh, options);
-    let mut text = document(mesh, options, &layout)?.into_bytes();
+    let packed = web::pack(mesh, options, &layout)?;
+    write_chunks(w, mesh, options, &layout, Some(&packed))
+}
+
+fn write_chunks(
+    w: &mut (impl Write + ?Sized),
+    mesh: &ExportMesh<'_>,
+    options: &GltfOptions,
+    layout: &Layout,
+    packed: Option<&Packed>,
+) -> Result<()> {
+    let mut text = document(mesh, options, layout, packed)?.into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
 
-    let binary = layout.bytes.next_multiple_of(4);
+    let binary = packed.map_or(layout.bytes, |packed| packed.bytes.len() as u64).next_multiple_of(4);
     let total = 12 + 8 + text.len() as u64 + if binary > 0 { 8 + binary } else { 0 };
     let (Ok(total), Ok(binary)) = (u32::try_from(total), u32::try_from(binary)) else {
         return Err(Error::Limit {
@@ -146,10 +207,23 @@ pub fn write(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, options: &Glt
         head.extend(b"BIN\0");
     }
     w.write_all(&head).map_err(write_error)?;
-    for view in &layout.views {
-        write_view(w, mesh, &options.scalars, view)?;
+    match packed {
+        Some(packed) => w.write_all(&packed.bytes).map_err(write_error),
+        None => layout.views.iter().try_for_each(|view| write_view(w, mesh, options, None, view)),
     }
-    Ok(())
+}
+
+pub(super) fn check_texture(mesh: &ExportMesh<'_>, texture: Option<&Texture>) -> Result<()> {
+    let Some(texture) = texture else { return Ok(()) };
+    let count = mesh.positions.len();
+    let inside = texture.coordinates.iter().flatten().all(|c| (0.0..=1.0).contains(c));
+    if inside && texture.coordinates.len() == count {
+        return Ok(());
+    }
+    let given =
+        format!("{} places{}", texture.coordinates.len(), if inside { "" } else { ", some outside the picture" });
+    let expected = format!("{count} places in [0, 1], one to a vertex");
+    Err(Error::argument("texture coordinates", given, expected, "pass those of the same mesh"))
 }
 
 fn check_scalars(mesh: &ExportMesh<'_>, scalars: &[Scalars]) -> Result<()> {
@@ -169,146 +243,8 @@ fn check_scalars(mesh: &ExportMesh<'_>, scalars: &[Scalars]) -> Result<()> {
     Ok(())
 }
 
-/// What a buffer view holds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Content {
-    Position,
-    Normal,
-    ColourU16,
-    ColourF32,
-    Radiance,
-    StderrGrey,
-    StderrRgb,
-    /// Entry of [`GltfOptions::scalars`].
-    Scalars(usize),
-    IndicesU16,
-    IndicesU32,
-}
-
-impl Content {
-    /// Component type, type, bytes an element.
-    fn format(self) -> (accessor::ComponentType, accessor::Type, u64) {
-        use accessor::{ComponentType as C, Type as T};
-        match self {
-            Self::Position | Self::Normal | Self::ColourF32 | Self::Radiance | Self::StderrRgb => (C::F32, T::Vec3, 12),
-            Self::ColourU16 => (C::U16, T::Vec4, 8),
-            Self::StderrGrey | Self::Scalars(_) => (C::F32, T::Scalar, 4),
-            Self::IndicesU16 => (C::U16, T::Scalar, 2),
-            Self::IndicesU32 => (C::U32, T::Scalar, 4),
-        }
-    }
-
-    /// The attribute it is; `None` for indices.
-    fn semantic(self, scalars: &[Scalars]) -> Option<mesh::Semantic> {
-        match self {
-            Self::Position => Some(mesh::Semantic::Positions),
-            Self::Normal => Some(mesh::Semantic::Normals),
-            Self::ColourU16 | Self::ColourF32 => Some(mesh::Semantic::Colors(0)),
-            // The crate writes the underscore.
-            Self::Radiance => Some(mesh::Semantic::Extras("RADIANCE".into())),
-            Self::StderrGrey | Self::StderrRgb => Some(mesh::Semantic::Extras("STDERR".into())),
-            Self::Scalars(i) => Some(mesh::Semantic::Extras(scalars[i].name.clone())),
-            Self::IndicesU16 | Self::IndicesU32 => None,
-        }
-    }
-}
-
-struct View {
-    content: Content,
-    count: u64,
-    // Invariant: a multiple of 4.
-    offset: u64,
-    bytes: u64,
-}
-
-/// Where everything stands in the binary chunk.
-struct Layout {
-    views: Vec<View>,
-    // Without the padding of the last view.
-    bytes: u64,
-}
-
-impl Layout {
-    fn new(mesh: &ExportMesh<'_>, options: &GltfOptions) -> Self {
-        let mut layout = Self { views: Vec::new(), bytes: 0 };
-        if mesh.is_empty() {
-            return layout;
-        }
-        let vertices = mesh.positions.len();
-        layout.push(Content::Position, vertices);
-        layout.push(Content::Normal, vertices);
-        layout.push(
-            match options.colour_format {
-                ColourFormat::U16 => Content::ColourU16,
-                ColourFormat::F32 => Content::ColourF32,
-            },
-            vertices,
-        );
-        if mesh.radiance.is_some() {
-            layout.push(Content::Radiance, vertices);
-        }
-        match mesh.standard_error {
-            Some(StandardError::Grey(_)) => layout.push(Content::StderrGrey, vertices),
-            Some(StandardError::Rgb(_)) => layout.push(Content::StderrRgb, vertices),
-            None => {}
-        }
-        (0..options.scalars.len()).for_each(|i| layout.push(Content::Scalars(i), vertices));
-        let short = options.allow_u16_indices && vertices <= MOST_U16_VERTICES;
-        layout.push(if short { Content::IndicesU16 } else { Content::IndicesU32 }, 3 * mesh.triangles.len());
-        layout
-    }
-
-    fn push(&mut self, content: Content, count: usize) {
-        let count = count as u64;
-        let bytes = count * content.format().2;
-        // Every element but a 16-bit index is a multiple of 4 bytes, and indices come last.
-        debug_assert!(self.bytes.is_multiple_of(4));
-        self.views.push(View { content, count, offset: self.bytes, bytes });
-        self.bytes += bytes;
-    }
-}
-
-fn write_view(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, scalars: &[Scalars], view: &View) -> Result<()> {
-    let vertices = mesh.positions.len();
-    let centre = mesh.centre_in_world();
-    let triangles = mesh.triangles;
-    match view.content {
-        Content::Position => {
-            write_records(w, vertices, |v| bytes_of_triple(mesh.positions.from_centre(v, centre).to_array()))
-        }
-        Content::Normal => write_records(w, vertices, |v| bytes_of_triple(mesh.unit_normal(v).to_array())),
-        Content::ColourF32 => write_records(w, vertices, |v| bytes_of_triple(mesh.colours[v])),
-        Content::ColourU16 => write_records(w, vertices, |v| {
-            let [r, g, b] = mesh.colours[v].map(|c| ((c * 65_535.0 + 0.5) as u16).to_le_bytes());
-            [r[0], r[1], g[0], g[1], b[0], b[1], 0xff, 0xff]
-        }),
-        Content::Radiance => {
-            let radiance = mesh.radiance.unwrap_or_default();
-            write_records(w, radiance.len(), |v| bytes_of_triple(radiance[v]))
-        }
-        Content::StderrGrey | Content::StderrRgb => match mesh.standard_error {
-            Some(StandardError::Grey(e)) => write_records(w, e.len(), |v| e[v].to_le_bytes()),
-            Some(StandardError::Rgb(e)) => write_records(w, e.len(), |v| bytes_of_triple(e[v])),
-            None => Ok(()),
-        },
-        Content::Scalars(i) => write_records(w, vertices, |v| scalars[i].values[v].to_le_bytes()),
-        Content::IndicesU32 => write_records(w, triangles.len(), |t| {
-            let [a, b, c] = triangles[t].map(u32::to_le_bytes);
-            [a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3], c[0], c[1], c[2], c[3]]
-        }),
-        Content::IndicesU16 => {
-            write_records(w, triangles.len(), |t| {
-                let [a, b, c] = triangles[t].map(|i| (i as u16).to_le_bytes());
-                [a[0], a[1], b[0], b[1], c[0], c[1]]
-            })?;
-            let padding = (view.bytes.next_multiple_of(4) - view.bytes) as usize;
-            w.write_all(&[0; 3][..padding]).map_err(write_error)
-        }
-    }
-}
-
 /// The JSON chunk.
-fn document(mesh: &ExportMesh<'_>, options: &GltfOptions, layout: &Layout) -> Result<String> {
+fn document(mesh: &ExportMesh<'_>, options: &GltfOptions, layout: &Layout, packed: Option<&Packed>) -> Result<String> {
     let mut root = json::Root {
         asset: json::Asset {
             generator: Some(options.generator.clone()),
@@ -318,8 +254,8 @@ fn document(mesh: &ExportMesh<'_>, options: &GltfOptions, layout: &Layout) -> Re
         },
         ..Default::default()
     };
-    let mesh_index = (!mesh.is_empty()).then(|| push_mesh(&mut root, mesh, options, layout)).transpose()?;
-    let node = node(mesh, options, mesh_index)?;
+    let mesh_index = (!mesh.is_empty()).then(|| push_mesh(&mut root, mesh, options, layout, packed)).transpose()?;
+    let node = node(mesh, options, layout.lattice.as_ref(), mesh_index)?;
     let node = root.push(node);
     root.scene = Some(root.push(json::Scene { extensions: None, extras: None, name: None, nodes: vec![node] }));
     json::serialize::to_string(&root).map_err(serialization_error)
@@ -330,18 +266,30 @@ fn push_mesh(
     mesh: &ExportMesh<'_>,
     options: &GltfOptions,
     layout: &Layout,
+    packed: Option<&Packed>,
 ) -> Result<Index<json::Mesh>> {
     let buffer = root.push(json::Buffer {
-        byte_length: USize64(layout.bytes),
+        byte_length: USize64(packed.map_or(layout.bytes, |packed| packed.bytes.len() as u64)),
         name: None,
         uri: None,
         extensions: None,
         extras: None,
     });
+    let unpacked = packed.map(|_| web::push_unpacked(root, layout.bytes));
     let mut attributes = BTreeMap::new();
-    let mut indices = None;
-    for view in &layout.views {
-        let accessor = push_accessor(root, mesh, view, buffer);
+    let (mut indices, mut texture) = (None, None);
+    for (number, view) in layout.views.iter().enumerate() {
+        let stream = packed.and_then(|packed| packed.streams[number].as_ref());
+        let buffer_view = match (stream, unpacked, packed) {
+            (Some(stream), Some(unpacked), _) => root.push(web::view(view, stream, unpacked, buffer)),
+            (_, _, Some(packed)) => root.push(plain_view(view, packed.plain_offset(view), buffer)),
+            _ => root.push(plain_view(view, view.offset, buffer)),
+        };
+        if view.content == Content::Picture {
+            texture = Some(push_texture(root, buffer_view));
+            continue;
+        }
+        let accessor = root.push(accessor(mesh, layout, view, buffer_view));
         match view.content.semantic(&options.scalars) {
             Some(semantic) => {
                 attributes.insert(Checked::Valid(semantic), accessor);
@@ -349,12 +297,18 @@ fn push_mesh(
             None => indices = Some(accessor),
         }
     }
-    let unlit = extensions::material::Material { unlit: Some(extensions::material::Unlit {}) };
+    let unlit = extensions::material::Material { unlit: Some(extensions::material::Unlit {}), ..Default::default() };
     root.extensions_used.push("KHR_materials_unlit".into());
     let material = root.push(json::Material {
         double_sided: options.double_sided,
         pbr_metallic_roughness: material::PbrMetallicRoughness {
             base_color_factor: material::PbrBaseColorFactor([1.0; 4]),
+            base_color_texture: texture.map(|index| json::texture::Info {
+                index,
+                tex_coord: 0,
+                extensions: None,
+                extras: None,
+            }),
             metallic_factor: material::StrengthFactor(0.0),
             roughness_factor: material::StrengthFactor(1.0),
             ..Default::default()
@@ -380,27 +334,52 @@ fn push_mesh(
     }))
 }
 
-fn push_accessor(
-    root: &mut json::Root,
-    mesh: &ExportMesh<'_>,
-    view: &View,
-    buffer: Index<json::Buffer>,
-) -> Index<json::Accessor> {
-    let is_index = matches!(view.content, Content::IndicesU16 | Content::IndicesU32);
-    let target = if is_index { buffer::Target::ElementArrayBuffer } else { buffer::Target::ArrayBuffer };
-    let buffer_view = root.push(buffer::View {
+/// A view of what is stored as it is.
+fn plain_view(view: &View, offset: u64, buffer: Index<json::Buffer>) -> buffer::View {
+    let target =
+        if view.content.is_indices() { buffer::Target::ElementArrayBuffer } else { buffer::Target::ArrayBuffer };
+    buffer::View {
         buffer,
         byte_length: USize64(view.bytes),
-        byte_offset: Some(USize64(view.offset)),
-        byte_stride: None,
+        byte_offset: Some(USize64(offset)),
+        byte_stride: view.content.is_padded().then_some(buffer::Stride(view.content.format().2 as usize)),
         name: None,
-        target: Some(Checked::Valid(target)),
+        target: (view.content != Content::Picture).then_some(Checked::Valid(target)),
+        extensions: None,
+        extras: None,
+    }
+}
+
+/// A picture as the texture of a material: between its texels linear, at its border the border, and no smaller copies of it,
+/// in which texels of other charts would mix.
+fn push_texture(root: &mut json::Root, view: Index<buffer::View>) -> Index<json::Texture> {
+    use ::gltf::json::texture::{MagFilter, MinFilter, Sampler, WrappingMode};
+    let source = root.push(json::Image {
+        buffer_view: Some(view),
+        mime_type: Some(json::image::MimeType("image/png".into())),
+        name: None,
+        uri: None,
         extensions: None,
         extras: None,
     });
+    let sampler = root.push(Sampler {
+        mag_filter: Some(Checked::Valid(MagFilter::Linear)),
+        min_filter: Some(Checked::Valid(MinFilter::Linear)),
+        wrap_s: Checked::Valid(WrappingMode::ClampToEdge),
+        wrap_t: Checked::Valid(WrappingMode::ClampToEdge),
+        ..Default::default()
+    });
+    root.push(json::Texture { name: None, sampler: Some(sampler), source, extensions: None, extras: None })
+}
+
+fn accessor(mesh: &ExportMesh<'_>, layout: &Layout, view: &View, buffer_view: Index<buffer::View>) -> json::Accessor {
     let (component, kind, _) = view.content.format();
-    let (min, max) = if view.content == Content::Position { position_range(mesh) } else { (None, None) };
-    root.push(json::Accessor {
+    let (min, max) = match (view.content, &layout.lattice) {
+        (Content::Position, _) => position_range(mesh),
+        (Content::PositionU16, Some(lattice)) => lattice.range(mesh),
+        _ => (None, None),
+    };
+    json::Accessor {
         buffer_view: Some(buffer_view),
         byte_offset: None,
         count: USize64(view.count),
@@ -411,9 +390,9 @@ fn push_accessor(
         min,
         max,
         name: None,
-        normalized: view.content == Content::ColourU16,
+        normalized: view.content.is_normalised(),
         sparse: None,
-    })
+    }
 }
 
 /// Smallest and largest `POSITION` as stored: exact, because every f32 is a JSON number.
@@ -428,8 +407,13 @@ fn position_range(mesh: &ExportMesh<'_>) -> (Option<Value>, Option<Value>) {
 }
 
 /// The node: translation ∘ up-rotation ∘ scale, so that node · `POSITION` =
-/// rotation · scale · world.
-fn node(mesh: &ExportMesh<'_>, options: &GltfOptions, mesh_index: Option<Index<json::Mesh>>) -> Result<json::Node> {
+/// rotation · scale · world. Positions on a lattice begin at its corner, in steps of it.
+fn node(
+    mesh: &ExportMesh<'_>,
+    options: &GltfOptions,
+    lattice: Option<&web::Lattice>,
+    mesh_index: Option<Index<json::Mesh>>,
+) -> Result<json::Node> {
     let scale = options.scale.unwrap_or_else(|| scale(mesh));
     if !(scale > 0.0 && (scale as f32).is_normal()) {
         return Err(Error::argument(
@@ -441,22 +425,28 @@ fn node(mesh: &ExportMesh<'_>, options: &GltfOptions, mesh_index: Option<Index<j
     }
     let centre = mesh.centre_in_world();
     let rotation = mesh.up.gltf_from_world();
-    let translation = (rotation * (centre * scale)).as_vec3();
+    let origin = lattice.map_or(centre, |lattice| centre + lattice.corner());
+    let translation = (rotation * (origin * scale)).as_vec3();
     if !translation.is_finite() {
         return Err(Error::argument(
             "mesh place",
-            centre * scale,
+            origin * scale,
             "a place within 3.4e38 metres of the origin",
             "give a smaller --scale",
         ));
     }
-    let extras = json!({
+    let mut extras = json!({
         "up": mesh.up.name(),
         "front": if mesh.up.is_anatomical() { "anterior" } else { "grid" },
         "scale": scale,
         "metres_per_unit": mesh.metres_per_unit,
         "centre_in_world": centre.to_array(),
     });
+    let step = lattice.map_or(1.0, web::Lattice::step);
+    if let Some(lattice) = lattice {
+        extras["positions"] =
+            json!({ "corner_in_world": origin.to_array(), "step": step, "largest_error": lattice.largest_error() });
+    }
     // A quarter turn has components of sqrt(1/2): exact to f32 rounding.
     let turn = DQuat::from_mat3(&rotation).normalize().as_quat().to_array();
     Ok(json::Node {
@@ -468,8 +458,8 @@ fn node(mesh: &ExportMesh<'_>, options: &GltfOptions, mesh_index: Option<Index<j
         mesh: mesh_index,
         name: Some(mesh.name.into()),
         rotation: (mesh.up != crate::geom::Up::Y).then_some(scene::UnitQuaternion(turn)),
-        scale: (scale != 1.0).then_some([scale as f32; 3]),
-        translation: (centre != DVec3::ZERO).then_some(translation.to_array()),
+        scale: (scale * step != 1.0).then_some([(scale * step) as f32; 3]),
+        translation: (origin != DVec3::ZERO).then_some(translation.to_array()),
         skin: None,
         weights: None,
     })

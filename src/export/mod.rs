@@ -4,7 +4,9 @@
 //!
 //! | module | writes |
 //! |---|---|
-//! | [`gltf`] | a lit mesh as GLB (glTF 2.0), colours linear in `COLOR_0` |
+//! | [`gltf`] | a lit mesh as GLB (glTF 2.0), colours linear in `COLOR_0`; small for the web, or with a picture of the colours |
+//! | [`usdz`] | a lit mesh with a picture of its colours as USDZ |
+//! | [`simplify`], [`lightmap`] | nothing: they make meshes of fewer triangles, and pictures of colours |
 //! | [`field`] | radiance on a lattice as VTI, NRRD and raw |
 //! | [`hdr`] | an environment as Radiance picture |
 //! | [`ply`] | the same mesh as binary PLY, colours 8-bit sRGB |
@@ -32,13 +34,19 @@ pub mod gltf;
 pub mod hdr;
 pub mod image;
 pub mod inputs;
+pub mod lightmap;
+mod nearest;
 pub mod ply;
+mod selection;
+pub mod simplify;
 pub mod stl;
 pub mod png;
 pub mod sheet;
 pub mod target;
+pub mod usdz;
 
 pub use image::Image;
+pub use selection::{Attributes, Selection};
 
 use crate::error::{Error, Result};
 use crate::geom::{Bounds, Up};
@@ -278,6 +286,13 @@ fn check_each(
     }
 }
 
+/// What needs the feature `meshopt` in a build without it.
+#[cfg(not(feature = "meshopt"))]
+fn without_meshopt(what: &str) -> Error {
+    let remedy = "build isolume with the feature meshopt, which the program has by default";
+    Error::argument("mesh", format!("{what} from a build without meshoptimizer"), "the feature meshopt", remedy)
+}
+
 /// A failed write to a stream; the path is added by [`Error::in_file`] where it is known.
 fn write_error(source: std::io::Error) -> Error {
     Error::io("", "write", source)
@@ -319,5 +334,7 @@ fn bytes_of_triple(v: [f32; 3]) -> [u8; 12] {
     bytes
 }
 
+#[cfg(test)]
+mod test_mesh;
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,7 @@
 //! Which files are written: names, formats, and whether they can be written; found out before the work that they take.
 
 use crate::error::{Error, Result};
+use crate::export::simplify::Lod;
 use crate::file::{check_folder, clean};
 use crate::quantity::number;
 use std::path::{Path, PathBuf};
@@ -11,6 +12,7 @@ pub enum Format {
     Glb,
     Ply,
     Stl,
+    Usdz,
     Png,
 }
 
@@ -21,17 +23,18 @@ impl Format {
             Some("glb") => Ok(Self::Glb),
             Some("ply") => Ok(Self::Ply),
             Some("stl") => Ok(Self::Stl),
+            Some("usdz") => Ok(Self::Usdz),
             Some("png") => Ok(Self::Png),
             Some("gltf") => Err(Error::argument(
                 "output",
                 path.display(),
-                ".glb, .ply, .stl or .png",
+                ".glb, .ply, .stl, .usdz or .png",
                 "write .glb: glTF in one file",
             )),
             _ => Err(Error::argument(
                 "output",
                 path.display(),
-                "a name ending in .glb, .ply, .stl or .png",
+                "a name ending in .glb, .ply, .stl, .usdz or .png",
                 "the ending decides the format",
             )),
         }
@@ -43,6 +46,8 @@ impl Format {
 pub struct Target {
     pub path: PathBuf,
     pub format: Format,
+    /// How many triangles are left in it; all, if `None`.
+    pub lod: Option<Lod>,
 }
 
 /// The files for all isovalues × environments, isovalue-major, from `-o`: one name, a pattern with
@@ -74,7 +79,7 @@ pub fn targets(output: &Path, name: &str, isovalues: &[f64], environments: &[Str
         for env in environments {
             let path = pattern.replace("{isovalue}", &number(*c, 8)).replace("{env}", &clean(env));
             let path = PathBuf::from(path);
-            targets.push(Target { format: Format::of(&path)?, path });
+            targets.push(Target { format: Format::of(&path)?, path, lod: None });
         }
     }
     if let Some(twice) = (1..targets.len()).find(|&i| targets[..i].iter().any(|t| t.path == targets[i].path)) {

@@ -2,6 +2,7 @@
 //! before a bake that takes long.
 
 mod lobes;
+mod meshes;
 mod several;
 mod work;
 
@@ -9,6 +10,7 @@ use crate::bake::Quality;
 use crate::cache::{Cache, Filled, Filler, Note};
 use crate::error::{Error, Result};
 use crate::export::inputs::Inputs;
+use crate::export::simplify::Lod;
 use crate::probe::{MOST_SUNS, Probe, SunOptions, SunSplit, split_sun};
 use crate::quantity::{number, percent};
 use crate::render::Viewpoint;
@@ -58,6 +60,8 @@ pub struct Job<'a> {
     pub material: MaterialChoice,
     /// How meshes are written.
     pub mesh: MeshOptions,
+    /// How many triangles are left in mesh files: a file for each; all of them, if there is none.
+    pub lods: &'a [Lod],
     /// From where pictures are taken.
     pub view: Viewpoint,
     /// How pictures look, but for the view.

@@ -58,11 +58,7 @@ impl<'a> Work<'a> {
             job.outputs.iter().try_for_each(|output| make_folder(output))?;
         }
         let files = all_targets(job, volume, &isovalues, &environments)?;
-        if job.mesh.transfer && files.iter().flatten().all(|f| f.format != Format::Glb) {
-            let expected = "an output that ends in .glb";
-            let remedy = "transfer is carried by glTF alone: add -o NAME.glb, or leave out --transfer";
-            return Err(Error::argument("--transfer", "without a .glb", expected, remedy));
-        }
+        job.check_meshes(&files.concat())?;
         if files.iter().flatten().any(|f| f.format == Format::Png) {
             check_size((job.picture.width, job.picture.height), job.quality.memory_limit)?;
         }
@@ -231,9 +227,11 @@ impl Job<'_> {
 fn all_targets(job: &Job<'_>, volume: &Volume, isovalues: &[f64], environments: &[String]) -> Result<Vec<Vec<Target>>> {
     let mut all: Vec<Vec<Target>> = vec![Vec::new(); isovalues.len() * environments.len()];
     for output in job.outputs {
-        let pattern = job.turntable.map_or_else(|| Ok(output.clone()), |_| Turntable::pattern(output))?;
-        for (slot, target) in all.iter_mut().zip(targets(&pattern, &volume.name, isovalues, environments)?) {
-            slot.push(target);
+        for (lod, output) in job.levels(output)? {
+            let pattern = job.turntable.map_or_else(|| Ok(output.clone()), |_| Turntable::pattern(&output))?;
+            for (slot, target) in all.iter_mut().zip(targets(&pattern, &volume.name, isovalues, environments)?) {
+                slot.push(Target { lod, ..target });
+            }
         }
     }
     let paths: Vec<&PathBuf> = all.iter().flatten().map(|t| &t.path).collect();

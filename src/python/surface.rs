@@ -3,6 +3,7 @@
 use super::error::OrRaise;
 use super::watch;
 use crate::error::{Error, Result};
+use crate::export::simplify::Lod;
 use crate::probe::Probe;
 use crate::relight::{Material, look_up_transfer, transfer_at_vertices};
 use crate::render::{Projection, View};
@@ -318,8 +319,8 @@ impl Surface {
         PyArray1::from_vec(py, numbers).reshape(shape)
     }
 
-    /// Writes .glb, .ply or .stl.
-    #[pyo3(signature = (path, *, radiance=false, transfer=false, float_colour=false, scale=None))]
+    /// Writes .glb, .ply, .stl or .usdz.
+    #[pyo3(signature = (path, *, radiance=false, transfer=false, float_colour=false, scale=None, lod=None, for_web=false, lightmap=None))]
     fn write(
         &self,
         py: Python<'_>,
@@ -328,15 +329,24 @@ impl Surface {
         transfer: bool,
         float_colour: bool,
         scale: Option<f64>,
+        lod: Option<&str>,
+        for_web: bool,
+        lightmap: Option<u32>,
     ) -> PyResult<()> {
+        let read = |text: &str| {
+            let remedy = "leave it out for all triangles";
+            text.parse::<Lod>().map_err(|expected| Error::argument("lod", text, expected, remedy))
+        };
+        let lod = lod.map(read).transpose().or_raise(py)?;
         let suffix = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-        let options = MeshOptions { radiance, float_colour, transfer, scale };
+        let options = MeshOptions { radiance, float_colour, transfer, scale, lod, for_web, lightmap };
         watch::briefly(py, || match suffix.as_str() {
             "glb" => Ok(self.lit().write_gltf(&path, &options).map(drop)?),
-            "ply" => Ok(self.lit().write_ply(&path, &options)?),
-            "stl" => Ok(self.lit().write_stl(&path)?),
+            "ply" => Ok(self.lit().write_ply(&path, &options).map(drop)?),
+            "stl" => Ok(self.lit().write_stl(&path, &options).map(drop)?),
+            "usdz" => Ok(self.lit().write_usdz(&path, &options).map(drop)?),
             _ => {
-                let expected = "a name ending in .glb, .ply, .stl or .png";
+                let expected = "a name ending in .glb, .ply, .stl, .usdz or .png";
                 Err(Error::argument("path", path.display(), expected, "the ending decides the format").into())
             }
         })

@@ -1,8 +1,8 @@
 //! One surface under one light, looked up and written into one file: a mesh, or pictures.
 
 use super::{
-    LightNote, LightOptions, Lit, LitTexels, LuminaireFactor, MeshOptions, PictureOptions, Session, Surface,
-    total_json, with_medium_albedo,
+    LightNote, LightOptions, Lit, LitTexels, LuminaireFactor, MeshFile, MeshOptions, PictureOptions, Session, Surface,
+    lightmap_json, simplified_json, total_json, with_medium_albedo,
 };
 use crate::error::{Error, Result};
 use crate::export::target::{Format, Target};
@@ -103,13 +103,8 @@ impl FileTimes {
 /// What a file holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Content {
-    /// A mesh of so many vertices, and its sides in metres where the format has a unit.
-    Mesh {
-        /// Vertices.
-        vertices: u64,
-        /// Along x, y, z.
-        metres: Option<[f64; 3]>,
-    },
+    /// A mesh.
+    Mesh(MeshFile),
     /// Pictures.
     Pictures,
 }
@@ -201,7 +196,7 @@ impl Session<'_> {
             sun_rays: lit.sun_rays(),
             notes: lit.notes().iter().filter(told).map(|note| note.sentence(&probe.name)).collect(),
             bytes: 0,
-            content: Content::Mesh { vertices: surface.vertices() as u64, metres: None },
+            content: Content::Pictures,
             target,
         };
         match written.target.format {
@@ -224,7 +219,6 @@ impl Session<'_> {
             let note = "the store does not hold the walls: relight the scene file to see them in pictures";
             written.notes.push(note.into());
         }
-        written.content = Content::Pictures;
         for index in 0..options.turntable.map_or(1, |table| table.frames) {
             let start = seconds();
             let turned = options.turntable.map_or(0.0, |table| table.degrees(index));
@@ -264,16 +258,13 @@ fn write_mesh(
 ) -> Result<()> {
     let start = seconds();
     let path = &written.target.path;
-    match written.target.format {
-        Format::Ply => lit.write_ply(path, &options.mesh)?,
-        Format::Stl => lit.write_stl(path)?,
-        _ => {
-            let size = lit.write_gltf(path, &options.mesh)?;
-            if let Content::Mesh { metres, .. } = &mut written.content {
-                *metres = Some(size);
-            }
-        }
-    }
+    let mesh = MeshOptions { lod: written.target.lod, ..options.mesh.clone() };
+    written.content = Content::Mesh(match written.target.format {
+        Format::Ply => lit.write_ply(path, &mesh)?,
+        Format::Stl => lit.write_stl(path, &mesh)?,
+        Format::Usdz => lit.write_usdz(path, &mesh)?,
+        _ => lit.write_gltf(path, &mesh)?,
+    });
     written.times.write = seconds() - start;
     written.bytes = size_on_disk(path);
     Ok(())
@@ -282,6 +273,14 @@ fn write_mesh(
 /// JSON has no infinity: it becomes null.
 fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
+}
+
+fn mesh_json(made: &MeshFile) -> Value {
+    json!({
+        "vertices": made.vertices, "triangles": made.triangles, "size_in_metres": made.size_in_metres,
+        "simplified": made.simplification.as_ref().map(simplified_json), "largest_position_error": made.position_error,
+        "lightmap": made.lightmap.as_ref().map(lightmap_json),
+    })
 }
 
 impl WrittenFile {
@@ -293,6 +292,10 @@ impl WrittenFile {
             "isovalue": self.isovalue,
             "environment": self.env,
             "bytes": self.bytes,
+            "mesh": match &self.content {
+                Content::Mesh(made) => Some(mesh_json(made)),
+                Content::Pictures => None,
+            },
             "exposure_ev": self.exposure_ev,
             "error": {
                 "rms_over_mean": self.rms_over_mean,

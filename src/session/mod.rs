@@ -66,9 +66,9 @@ pub use textures::LuminaireFactor;
 #[doc(hidden)]
 pub use textures::{Groups, check_factors, factor_of, radiance_of_bricks, refuse_body, with_medium_albedo};
 pub use tone::Tone;
-pub use write::MeshOptions;
+pub use write::{MeshFile, MeshOptions, USDZ_SIDE};
 #[doc(hidden)]
-pub use write::total_json;
+pub use write::{lightmap_json, simplified_json, total_json};
 
 use crate::error::{Error, Result};
 use crate::geom::Up;

@@ -4,6 +4,9 @@ use super::surface::Merged;
 use super::{Lit, Still, relightable};
 use crate::error::Result;
 use crate::export::gltf::{ColourFormat, GltfOptions};
+use crate::export::lightmap::{Lightmap, LightmapReport, unwrap};
+use crate::export::simplify::{Lod, SimplificationError, Simplified, simplify};
+use crate::export::usdz::{self, UsdzOptions};
 use crate::export::{ExportMesh, Positions, atomic, gltf, ply, png, stl};
 use crate::quantity::number;
 use crate::relight::{ErrorTerm, TotalError};
@@ -22,6 +25,45 @@ pub struct MeshOptions {
     pub transfer: bool,
     /// glTF units (metres) to a world unit; `None` leaves it to [`gltf::scale`].
     pub scale: Option<f64>,
+    /// How many triangles are left; `None` leaves all.
+    pub lod: Option<Lod>,
+    /// A small file for the web ([`GltfOptions::for_web`]); glTF alone.
+    pub for_web: bool,
+    /// The colours as a square picture with so many texels along its side, in the place of colours at vertices; glTF, and USDZ,
+    /// which has [`USDZ_SIDE`] without it.
+    pub lightmap: Option<u32>,
+}
+
+/// Texels along the side of the picture of a USDZ file, unless another number is given.
+pub const USDZ_SIDE: u32 = 2048;
+
+/// What is in a file of a mesh, and what it took.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct MeshFile {
+    /// Vertices in it.
+    pub vertices: usize,
+    /// Triangles in it.
+    pub triangles: usize,
+    /// Triangles of the isosurface.
+    pub triangles_of_isosurface: usize,
+    /// Sides along X, Y and Z of glTF; 0 where a file has no metres.
+    pub size_in_metres: [f64; 3],
+    /// What leaving out triangles cost.
+    pub simplification: Option<SimplificationError>,
+    /// How far rounded positions are off at most, in world units.
+    pub position_error: Option<f64>,
+    /// What the picture of the colours is like.
+    pub lightmap: Option<LightmapReport>,
+}
+
+/// A mesh as it is written, and what it took.
+struct Shown<'a> {
+    mesh: ExportMesh<'a>,
+    simplified: Option<&'a Simplified>,
+    lightmap: Option<&'a Lightmap>,
+    // How it was made.
+    record: Value,
 }
 
 /// JSON has no infinity: it becomes null.
@@ -30,15 +72,15 @@ fn finite(value: f64) -> Option<f64> {
 }
 
 impl Lit<'_> {
-    /// Writes the mesh as GLB, whole or not at all, and returns its size in metres.
+    /// Writes the mesh as GLB, whole or not at all.
     ///
     /// # Errors
-    /// When the transfer of volumes is asked for whose textures differ in layers or bands, as [`gltf::write`], and as
-    /// [`atomic::write`].
-    pub fn write_gltf(&self, path: impl AsRef<Path>, options: &MeshOptions) -> Result<[f64; 3]> {
+    /// When the transfer of volumes is asked for whose textures differ in layers or bands, as [`gltf::write`], as [`simplify`], and
+    /// as [`atomic::write`].
+    pub fn write_gltf(&self, path: impl AsRef<Path>, options: &MeshOptions) -> Result<MeshFile> {
         let colour_format = if options.float_colour { ColourFormat::F32 } else { ColourFormat::U16 };
-        let provenance = self.record();
-        let mut file = GltfOptions { colour_format, scale: options.scale, provenance, ..Default::default() };
+        let for_web = options.for_web;
+        let mut file = GltfOptions { colour_format, scale: options.scale, for_web, ..Default::default() };
         if options.transfer {
             let (texels, session) = (&self.texels, self.texels.surface.session);
             let lighting = texels.lighting;
@@ -51,27 +93,82 @@ impl Lit<'_> {
             file.mesh_extras =
                 relightable::extras(lit, lighting.probe, light, material, up, rotation, exposure, lamps)?;
         }
-        self.with_mesh(options.radiance, |mesh| {
-            atomic::write(path, |w| gltf::write(w, mesh, &file))?;
-            Ok(gltf::size_in_metres(mesh, options.scale))
+        self.write_mesh(options, options.lightmap, |shown, made| {
+            let simplified = shown.simplified.map(|simplified| &simplified.selection);
+            for selection in simplified.into_iter().chain(shown.lightmap.map(|lightmap| &lightmap.selection)) {
+                file.scalars = selection.of_scalars(&file.scalars);
+            }
+            made.size_in_metres = gltf::size_in_metres(&shown.mesh, options.scale);
+            made.position_error = for_web.then(|| gltf::position_error(&shown.mesh));
+            file.texture = shown.lightmap.map(|lightmap| lightmap.texture.clone());
+            file.provenance = shown.record;
+            atomic::write(path, |w| gltf::write(w, &shown.mesh, &file))
+        })
+    }
+
+    /// Writes the mesh as USDZ, its colours as a picture, whole or not at all.
+    ///
+    /// # Errors
+    /// As [`usdz::write`], [`simplify`], [`unwrap`] and [`atomic::write`].
+    pub fn write_usdz(&self, path: impl AsRef<Path>, options: &MeshOptions) -> Result<MeshFile> {
+        self.write_mesh(options, Some(options.lightmap.unwrap_or(USDZ_SIDE)), |shown, made| {
+            made.size_in_metres = gltf::size_in_metres(&shown.mesh, options.scale);
+            let Some(texture) = shown.lightmap.map(|lightmap| lightmap.texture.clone()) else { return Ok(()) };
+            let file = UsdzOptions { texture, scale: options.scale, provenance: shown.record };
+            atomic::write(path, |w| usdz::write(w, &shown.mesh, &file))
         })
     }
 
     /// Writes the mesh as binary PLY, whole or not at all.
     ///
     /// # Errors
-    /// As [`ply::write`] and [`atomic::write`].
-    pub fn write_ply(&self, path: impl AsRef<Path>, options: &MeshOptions) -> Result<()> {
-        let file = ply::PlyOptions { provenance: self.record(), ..Default::default() };
-        self.with_mesh(options.radiance, |mesh| atomic::write(path, |w| ply::write(w, mesh, &file)).map(|_| ()))
+    /// As [`ply::write`], [`simplify`] and [`atomic::write`].
+    pub fn write_ply(&self, path: impl AsRef<Path>, options: &MeshOptions) -> Result<MeshFile> {
+        self.write_mesh(options, None, |shown, _| {
+            let file = ply::PlyOptions { provenance: shown.record, ..Default::default() };
+            atomic::write(path, |w| ply::write(w, &shown.mesh, &file)).map(|_| ())
+        })
     }
 
     /// Writes its triangles as binary STL, without colours, whole or not at all.
     ///
     /// # Errors
-    /// As [`stl::write`] and [`atomic::write`].
-    pub fn write_stl(&self, path: impl AsRef<Path>) -> Result<()> {
-        self.with_mesh(false, |mesh| atomic::write(path, |w| stl::write(w, mesh)).map(|_| ()))
+    /// As [`stl::write`], [`simplify`] and [`atomic::write`].
+    pub fn write_stl(&self, path: impl AsRef<Path>, options: &MeshOptions) -> Result<MeshFile> {
+        let options = MeshOptions { radiance: false, ..options.clone() };
+        self.write_mesh(&options, None, |shown, _| atomic::write(path, |w| stl::write(w, &shown.mesh)).map(|_| ()))
+    }
+
+    /// Hands the mesh to a writer: simplified where that was asked for, and with a picture of so many texels a side.
+    fn write_mesh(
+        &self,
+        options: &MeshOptions,
+        side: Option<u32>,
+        write: impl FnOnce(Shown<'_>, &mut MeshFile) -> Result<()>,
+    ) -> Result<MeshFile> {
+        self.with_mesh(options.radiance, |original| {
+            let mut record = self.record();
+            let mut made = MeshFile { triangles_of_isosurface: original.triangles.len(), ..MeshFile::default() };
+            let simplified = options.lod.map(|lod| simplify(original, lod)).transpose()?;
+            let attributes = simplified.as_ref().map(|simplified| simplified.selection.attributes(original));
+            let mesh = attributes.as_ref().map_or(*original, |attributes| attributes.mesh(original));
+            if let Some(Simplified { error, .. }) = simplified {
+                record["simplified"] = simplified_json(&error);
+                record["simplified"]["triangles_of_isosurface"] = json!(made.triangles_of_isosurface);
+                made.simplification = Some(error);
+            }
+            let lightmap = side.map(|side| unwrap(&mesh, original, side)).transpose()?;
+            let attributes = lightmap.as_ref().map(|lightmap| lightmap.selection.attributes(&mesh));
+            let mesh = attributes.as_ref().map_or(mesh, |attributes| attributes.mesh(&mesh));
+            if let Some(Lightmap { report, .. }) = lightmap {
+                record["lightmap"] = lightmap_json(&report);
+                made.lightmap = Some(report);
+            }
+            (made.vertices, made.triangles) = (mesh.positions.len(), mesh.triangles.len());
+            let (simplified, lightmap) = (simplified.as_ref(), lightmap.as_ref());
+            write(Shown { mesh, simplified, lightmap, record }, &mut made)?;
+            Ok(made)
+        })
     }
 
     /// Writes a picture of it as PNG, whole or not at all.
@@ -156,6 +253,23 @@ impl Lit<'_> {
         }
         record
     }
+}
+
+/// What leaving out triangles cost, as files and machines get it: distances in world units.
+pub fn simplified_json(error: &SimplificationError) -> Value {
+    json!({
+        "largest_distance": error.largest, "rms_distance": error.rms, "largest_over_longest_side": error.relative,
+        "colour_rms_srgb": error.colour_rms,
+        "pieces_left_out": error.pieces_left_out, "largest_piece_left_out": error.largest_piece_left_out,
+    })
+}
+
+/// A picture of the colours, as files and machines get it.
+pub fn lightmap_json(report: &LightmapReport) -> Value {
+    json!({
+        "side": report.side, "charts": report.charts, "covered": report.covered, "colour_rms_srgb": report.colour_rms,
+        "seams_99_srgb": report.seams,
+    })
 }
 
 /// The whole error as files and machines get it: root mean squares over the mean radiance.

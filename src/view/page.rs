@@ -13,9 +13,11 @@ const HTML: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");
 
 /// The scripts, in an order in which names are defined before they run.
-const SCRIPTS: [&str; 9] = [
+const SCRIPTS: [&str; 11] = [
     include_str!("page/sh.mjs"),
     include_str!("page/radiance.mjs"),
+    include_str!("page/openexr_codes.mjs"),
+    include_str!("page/openexr_dwa.mjs"),
     include_str!("page/openexr.mjs"),
     include_str!("page/host.mjs"),
     include_str!("page/data.mjs"),

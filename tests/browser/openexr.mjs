@@ -2,7 +2,8 @@
 //
 //   node tests/browser/openexr.mjs FOLDER
 //
-// Beside each X.exr lies X.f32: width × height × 3 floats, little-endian; or X.refused: what the message must contain.
+// Beside each X.exr lies X.f32: width × height × 3 floats, little-endian; or X.refused: what the message must contain. Files of lossy
+// compressions, dwa-….exr, may differ by the rounding to half floats, which the curve that colours are stored in makes up to 1 %.
 
 import { existsSync, readFileSync, readdirSync } from "node:fs";
 import { join } from "node:path";
@@ -30,7 +31,11 @@ for (const name of readdirSync(folder).filter((n) => n.endsWith(".exr")).sort())
   }
   const file = readFileSync(`${path}.f32`);
   const pixels = new Float32Array(file.buffer.slice(file.byteOffset, file.byteOffset + file.length));
-  const at = decoded.rgb.length === pixels.length ? pixels.findIndex((v, i) => v !== decoded.rgb[i]) : -2;
+  const isLossy = name.startsWith("dwa-");
+  const differs = (v, i) => (isLossy ? !(Math.abs(v - decoded.rgb[i]) <= 0.01 * Math.abs(v) + 1e-4) : v !== decoded.rgb[i]);
+  const at = decoded.rgb.length === pixels.length ? pixels.findIndex(differs) : -2;
+  const rounded = pixels.reduce((sum, v, i) => sum + (v !== decoded.rgb[i] ? 1 : 0), 0) / pixels.length;
+  if (rounded > (isLossy ? 0.05 : 0)) fail(name, `${(100 * rounded).toFixed(1)} % of the values differ`);
   if (at !== -1) fail(name, `value ${at}: ${decoded.rgb[at]}, not ${pixels[at]}`);
   // Cut and damaged files are refused or decoded, and end.
   for (let i = 1; i < 24; i++) {

@@ -4,6 +4,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod assets;
 mod cli;
 mod compare;
 mod doctor;

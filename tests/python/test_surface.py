@@ -154,11 +154,17 @@ def test_files(surface, tmp_path):
     attributes = header["meshes"][0]["primitives"][0]["attributes"]
     assert {"_RADIANCE", "_STDERR", "_T1_SH_DEGREE_0_COEF_0"} <= attributes.keys()
     assert (tmp_path / "a.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    surface.write(tmp_path / "c.glb", for_web=True, lod="50%")
+    assert (tmp_path / "c.glb").stat().st_size < (tmp_path / "a.glb").stat().st_size / 3
+    surface.write(tmp_path / "c.usdz", lod=200, lightmap=128)
+    assert (tmp_path / "c.usdz").read_bytes()[:2] == b"PK"
+    with pytest.raises(isolume.Error, match="25%"):
+        surface.write(tmp_path / "d.glb", lod="many")
     with pytest.raises(isolume.Error, match=r"\.glb"):
         surface.write(tmp_path / "a.obj")
     with pytest.raises(isolume.Error, match="width"):
         surface.write(tmp_path / "a.ply", width=3)
-    assert sorted(p.name for p in tmp_path.iterdir() if p.is_file()) == ["a.glb", "a.ply", "a.png", "a.stl", "b.glb"]
+    assert sorted(p.name for p in tmp_path.iterdir() if p.is_file()) == ["a.glb", "a.ply", "a.png", "a.stl", "b.glb", "c.glb", "c.usdz"]
 
 
 def test_pictures(surface):

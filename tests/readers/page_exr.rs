@@ -69,9 +69,19 @@ fn the_page_decodes_what_the_program_decodes() {
             }
         }
     }
+    for (i, compression) in [Compression::DWAA(None), Compression::DWAB(None)].into_iter().enumerate() {
+        for (s, size) in [[64, 48], [33, 70], [5, 3], [100, 1], [40, 300]].into_iter().enumerate() {
+            for (kind, half) in (0..4).flat_map(|kind| [(kind, false), (kind, true)]) {
+                // Lossy: to the rounding of halves.
+                let path = folder.path().join(format!("dwa-{i}-{s}-{kind}-{half}.exr"));
+                write(&path, size, kind, half, compression);
+                files.push(path);
+            }
+        }
+    }
     let data = std::env::var_os("ISOLUME_DATA").map_or_else(|| "../shared/data".into(), PathBuf::from);
-    for name in ["courtyard_256x128_piz_half.exr", "courtyard_256x128_zip.exr"] {
-        let path = folder.path().join(name);
+    for name in ["courtyard_256x128_piz_half.exr", "courtyard_256x128_zip.exr", "sunset.exr"] {
+        let path = folder.path().join(if name == "sunset.exr" { "dwa-sunset.exr" } else { name });
         if std::fs::copy(data.join("probes").join(name), &path).is_ok() {
             files.push(path);
         }

@@ -3,6 +3,7 @@
 pub(in crate::cli) mod choices;
 pub(in crate::cli) mod comparison;
 pub(in crate::cli) mod light;
+pub(in crate::cli) mod mesh;
 pub(in crate::cli) mod photons;
 pub(in crate::cli) mod picture;
 pub(in crate::cli) mod scene;

@@ -1,6 +1,7 @@
 //! `isolume relight`: light on surfaces, from a store, in milliseconds.
 
 use crate::cli::args::light::{LightArgs, MaterialArgs, by_option};
+use crate::cli::args::mesh::MeshArgs;
 use crate::cli::args::picture::PictureArgs;
 use crate::cli::args::transfer::TransferArgs;
 use crate::cli::args::volume::VolumeArgs;
@@ -15,7 +16,6 @@ use crate::export::inputs::Inputs;
 use crate::lit::{Host, Job};
 use crate::probe::{Probe, SunSplit};
 use crate::scene::{NamedIsovalue, SceneFile, open_probe};
-use crate::session::MeshOptions;
 use crate::transfer::store::{Holdings, Store};
 use std::path::PathBuf;
 use std::time::Instant;
@@ -33,6 +33,7 @@ use std::time::Instant;
   isolume relight brain.isolume --isovalue 90 --env sunset.exr --env sky -o out/
   isolume relight bumpbox:96 --isovalue auto --env sun:-45,30 -o bumps.png
   isolume relight orbital.cube --isovalue 0.03,-0.03 --env studio -o orbital.png   (both lobes)
+  isolume relight brain.isolume --isovalue 90 --env courtyard --for web --lod 20000 -o brain.glb
   isolume relight head.nii.gz --isovalue bone --env studio --keep-largest -o skull.png
   isolume relight scene.toml --exposure -1")]
 pub(in crate::cli) struct Relight {
@@ -82,34 +83,6 @@ pub(in crate::cli) struct Relight {
     pub(in crate::cli) scene: Option<SceneFile>,
 }
 
-#[derive(clap::Args, Clone, Debug)]
-struct MeshArgs {
-    /// Add the true linear radiance as attribute _RADIANCE, and its standard error as _STDERR
-    #[arg(long)]
-    radiance: bool,
-    /// Store COLOR_0 as 32-bit floats
-    #[arg(long)]
-    float_color: bool,
-    /// Store the transfer of each vertex in .glb files, for relighting elsewhere
-    #[arg(long)]
-    transfer: bool,
-    /// glTF units (metres) to a world unit [default: 0.001 where the file's unit is mm; else the longest side of the
-    /// volume becomes 1 m. The size in metres is printed]
-    #[arg(long, value_name = "S")]
-    scale: Option<f64>,
-}
-
-impl MeshArgs {
-    fn options(&self) -> MeshOptions {
-        MeshOptions {
-            radiance: self.radiance,
-            float_colour: self.float_color,
-            transfer: self.transfer,
-            scale: self.scale,
-        }
-    }
-}
-
 impl Relight {
     pub(in crate::cli) fn run(&self, seed: u64, console: &Console) -> Outcome {
         let start = Instant::now();
@@ -143,6 +116,7 @@ impl Relight {
             luminaires: &self.light.luminaires,
             material,
             mesh: self.mesh.options(),
+            lods: &self.mesh.lod,
             view: self.picture.seen.view,
             picture: self.picture.options(self.transfer.rays.unwrap_or(64)),
             turntable: self.picture.turntable(),

@@ -5,13 +5,51 @@ use crate::cli::present::text;
 use crate::export::target::Format;
 use crate::lit::Relit;
 use crate::relight::{ErrorTerm, TotalError};
-use crate::session::{Content, WrittenFile};
+use crate::session::{Content, MeshFile, WrittenFile};
 use std::time::Duration;
 
 /// Share of a surface below a texel from which on it is told.
 const MOST_BELOW_A_TEXEL: f64 = 0.05;
 /// Noise over the mean from which on spots show.
 const MOST_NOISE: f64 = 0.15;
+
+/// What is in a mesh file, and how far it is off the isosurface.
+fn mesh(made: &MeshFile, format: Format) -> String {
+    let mut what = format!("{} vertices", text::count(made.vertices as u64));
+    if matches!(format, Format::Glb | Format::Usdz) {
+        let [x, y, z] = made.size_in_metres.map(|side| text::number(side, 3));
+        what += &format!(", {x} × {y} × {z} m");
+    }
+    if let Some(error) = made.simplification {
+        what += &format!(
+            ", {} of {} triangles: at most {} off ({} of its longest side, RMS {}), colours {:.2} of 255",
+            text::count(made.triangles as u64),
+            text::count(made.triangles_of_isosurface as u64),
+            text::number(error.largest, 2),
+            text::percent(error.relative),
+            text::number(error.rms, 2),
+            255.0 * error.colour_rms
+        );
+        if error.pieces_left_out > 0 {
+            let (count, size) =
+                (text::count(error.pieces_left_out as u64), text::number(error.largest_piece_left_out, 2));
+            what += &format!("; {count} pieces of at most {size} left out");
+        }
+    }
+    if let Some(map) = made.lightmap {
+        what += &format!(
+            ", {0} × {0} texels in {1} charts, colours at the vertices {2:.2} of 255, across seams {3:.2}",
+            text::count(u64::from(map.side)),
+            text::count(map.charts as u64),
+            255.0 * map.colour_rms,
+            255.0 * map.seams
+        );
+    }
+    if let Some(error) = made.position_error {
+        what += &format!(", positions rounded by at most {}", text::number(error, 2));
+    }
+    what
+}
 
 /// A relative error; black vertices have none.
 fn relative(error: f64) -> String {
@@ -68,10 +106,10 @@ fn print(console: &Console, relit: &Relit) {
 
 /// What is in a file.
 fn content(w: &WrittenFile, views: &str) -> String {
-    let Content::Mesh { vertices, metres } = &w.content else { return views.into() };
-    let sides = metres.map(|sides| sides.map(|side| text::number(side, 3)).join(" × "));
-    let sides = sides.map(|sides| format!(", {sides} m")).unwrap_or_default();
-    format!("{} vertices{sides}", text::count(*vertices))
+    match &w.content {
+        Content::Mesh(made) => mesh(made, w.target.format),
+        Content::Pictures => views.into(),
+    }
 }
 
 fn seconds(seconds: f64) -> String {

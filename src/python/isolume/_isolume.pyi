@@ -188,6 +188,9 @@ class Surface:
         transfer: bool = False,
         float_colour: bool = False,
         scale: float | None = None,
+        lod: str | None = None,
+        for_web: bool = False,
+        lightmap: int | None = None,
     ) -> None: ...
     def picture(
         self,

@@ -150,9 +150,12 @@ class Surface:
         transfer: bool = False,
         float_colour: bool = False,
         scale: float | None = None,
+        lod: int | str | None = None,
+        for_web: bool = False,
+        lightmap: int | None = None,
         **picture: Any,
     ) -> None:
-        """Writes a file, whole or not at all: .glb, .ply or .stl, or a picture as .png, which takes what `picture` takes.
+        """Writes a file, whole or not at all: .glb, .ply, .stl or .usdz, or a picture as .png, which takes what `picture` takes.
 
         Parameters
         ----------
@@ -163,7 +166,13 @@ class Surface:
         float_colour
             Colours as 32-bit floats; .glb alone.
         scale
-            Metres to a unit of world; .glb alone.
+            Metres to a unit of world; .glb and .usdz.
+        lod
+            How many triangles are left, 20000 or ``"25%"``, where shape and colours change least.
+        for_web
+            A small file for three.js and Babylon.js, which others refuse; .glb alone.
+        lightmap
+            Colours as a picture of so many texels a side; .glb, and .usdz, which has 2048 without it.
         """
         path = os.fspath(path)
         if path.lower().endswith(".png"):
@@ -171,7 +180,10 @@ class Surface:
             return
         if picture:
             raise argument(next(iter(picture)), f"with {path}", "a name ending in .png", "leave it out of meshes")
-        self._inner.write(path, radiance=radiance, transfer=transfer, float_colour=float_colour, scale=scale)
+        self._inner.write(
+            path, radiance=radiance, transfer=transfer, float_colour=float_colour, scale=scale,
+            lod=None if lod is None else str(lod), for_web=for_web, lightmap=lightmap,
+        )
 
     def picture(self, **options: Any) -> np.ndarray:
         """A picture in sRGB, uint8 [height, width, 3], or 4 where the background lets through.

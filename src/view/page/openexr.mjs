@@ -1,23 +1,11 @@
 // OpenEXR, the part that a browser can decode by itself: one part, scan lines, channels R, G, B (or Y) of 16 or 32-bit
-// floats; uncompressed, RLE, ZIP (zlib) or PIZ. Everything else, DWAA and DWAB among it, is left to the program; see the
-// message.
+// floats; uncompressed, RLE, ZIP (zlib), PIZ, DWAA or DWAB. Everything else is left to the program; see the message.
+
+import { inflate, numberFromHalf, unfilter, unpackHuffman, unpackRuns } from "./openexr_codes.mjs";
+import { unpackDwa } from "./openexr_dwa.mjs";
 
 const COMPRESSIONS = ["NONE", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB"];
-const ROWS_OF_A_BLOCK = { NONE: 1, RLE: 1, ZIPS: 1, ZIP: 16, PIZ: 32 };
-
-/** A half float as a number. */
-export function numberFromHalf(bits) {
-  const sign = bits & 0x8000 ? -1 : 1;
-  const exponent = (bits >> 10) & 31, mantissa = bits & 1023;
-  if (exponent === 0) return sign * mantissa * 2 ** -24;
-  if (exponent === 31) return mantissa ? NaN : sign * Infinity;
-  return sign * (1024 + mantissa) * 2 ** (exponent - 25);
-}
-
-async function inflate(bytes) {
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
-}
+const ROWS_OF_A_BLOCK = { NONE: 1, RLE: 1, ZIPS: 1, ZIP: 16, PIZ: 32, DWAA: 32, DWAB: 256 };
 
 /** Decodes the bytes of an .exr file: { width, height, rgb }. Rejects what it cannot read, with the reason. */
 export async function decodeOpenExr(bytes) {
@@ -64,6 +52,7 @@ export async function decodeOpenExr(bytes) {
     let data = bytes.subarray(start + 8, start + 8 + size);
     if (compression !== "NONE" && size < rowBytes * count) {
       if (compression === "PIZ") data = unpackPiz(data, width, count, channels);
+      else if (compression.startsWith("DWA")) data = await unpackDwa(data, width, count, channels);
       else data = unfilter(compression === "RLE" ? unpackRuns(data, rowBytes * count) : await inflate(data));
     }
     if (data.length < rowBytes * count) throw new Error("the file ends in the middle of a block");
@@ -93,38 +82,14 @@ function readChannels(bytes, view, at) {
     if (view.getUint32(at + 8, true) !== 1 || view.getUint32(at + 12, true) !== 1) {
       throw new Error("subsampled channels are not read");
     }
+    const isLinear = bytes[at + 4] !== 0;
     at += 16;
     const targets = { R: [0], G: [1], B: [2], Y: [0, 1, 2] }[name] ?? [];
     if (targets.length > 0 && type === 0) throw new Error(`channel ${name} holds integers`);
-    channels.push({ targets, bytes: type === 1 ? 2 : 4 });
+    channels.push({ name, type, isLinear, targets, bytes: type === 1 ? 2 : 4 });
   }
   if (!channels.some((c) => c.targets.length > 0)) throw new Error("no channel R, G, B or Y");
   return channels;
-}
-
-/** Undoes the differences and the split into halves that OpenEXR makes before zlib. */
-function unfilter(bytes) {
-  for (let i = 1; i < bytes.length; i++) bytes[i] = (bytes[i - 1] + bytes[i] - 128) & 255;
-  const out = new Uint8Array(bytes.length);
-  const half = (bytes.length + 1) >> 1;
-  for (let i = 0; i < bytes.length; i++) out[i] = bytes[i & 1 ? half + (i >> 1) : i >> 1];
-  return out;
-}
-
-/** Runs: a count below zero precedes so many bytes as they are, else one byte that stands count + 1 times. */
-function unpackRuns(bytes, length) {
-  const out = new Uint8Array(length);
-  let at = 0, end = 0;
-  while (at < bytes.length) {
-    const count = (bytes[at++] << 24) >> 24;
-    const more = count < 0 ? -count : count + 1;
-    if (end + more > length || at + (count < 0 ? more : 1) > bytes.length) throw new Error("a run goes beyond its block");
-    if (count < 0) out.set(bytes.subarray(at, at + more), end);
-    else out.fill(bytes[at], end, end + more);
-    at += count < 0 ? more : 1;
-    end += more;
-  }
-  return out;
 }
 
 // PIZ (OpenEXR, "Technical Introduction": a Haar wavelet of 16-bit numbers under a Huffman code): the numbers that occur are
@@ -165,88 +130,6 @@ function unpackPiz(bytes, width, rows, channels) {
       for (let i = 0; i < width * n; i++, place += 2) to.setUint16(place, values[from + i], true);
     });
   }
-  return out;
-}
-
-const LONGEST_CODE = 58, LONG_RUN = 63, SHORT_RUN = 59, QUICK = 12;
-
-/** Canonical Huffman code; the last symbol repeats the number before it as often as the 8 bits behind it say. */
-function unpackHuffman(bytes, total) {
-  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
-  const [low, high, bitCount] = [0, 4, 12].map((o) => view.getUint32(o, true));
-  if (low >= 65537 || high >= 65537) throw new Error("damaged PIZ: its symbols");
-  let at = 20, held = 0, count = 0;
-  const bits = (n) => {
-    while (count < n) {
-      if (at >= bytes.length) throw new Error("damaged PIZ: it ends early");
-      held = ((held & 0xffff) << 8) | bytes[at++];
-      count += 8;
-    }
-    count -= n;
-    return (held >> count) & ((1 << n) - 1);
-  };
-  const lengths = new Uint8Array(65537);
-  for (let i = low; i <= high; ) {
-    const n = bits(6);
-    if (n < SHORT_RUN) lengths[i++] = n;
-    else i += n === LONG_RUN ? bits(8) + 6 : n - SHORT_RUN + 2;
-  }
-  // The longest codes have the smallest numbers.
-  const counts = new Array(LONGEST_CODE + 1).fill(0);
-  for (let i = low; i <= high; i++) counts[lengths[i]]++;
-  const first = new Array(LONGEST_CODE + 2).fill(0);
-  for (let n = LONGEST_CODE, code = 0; n > 0; n--) {
-    first[n] = code;
-    code = Math.floor((code + counts[n]) / 2);
-  }
-  const symbols = Array.from({ length: LONGEST_CODE + 1 }, () => []);
-  for (let i = low; i <= high; i++) if (lengths[i] > 0) symbols[lengths[i]].push(i);
-  // What the next bits begin with, where that is a short code: its symbol and length.
-  const quick = new Int32Array(1 << QUICK);
-  for (let n = 1; n <= QUICK; n++) {
-    symbols[n].forEach((symbol, k) => {
-      const from = (first[n] + k) << (QUICK - n);
-      quick.fill((symbol << 6) | n, from, from + (1 << (QUICK - n)));
-    });
-  }
-  (count = 0), (held = 0);
-  const end = at * 8 + bitCount;
-  if (end > bytes.length * 8) throw new Error("damaged PIZ: it ends early");
-  let place = at * 8;
-  const peek = () => {
-    const i = place >> 3;
-    const three = ((bytes[i] ?? 0) << 16) | ((bytes[i + 1] ?? 0) << 8) | (bytes[i + 2] ?? 0);
-    return (three >> (24 - (place & 7) - QUICK)) & ((1 << QUICK) - 1);
-  };
-  const out = new Uint16Array(total);
-  let filled = 0;
-  while (place < end) {
-    const known = quick[peek()];
-    let symbol = known >> 6;
-    if (known > 0) {
-      place += known & 63;
-    } else {
-      let code = 0, n = 0;
-      do {
-        if (++n > LONGEST_CODE || place >= end) throw new Error("damaged PIZ: no such code");
-        code = 2 * code + ((bytes[place >> 3] >> (7 - (place & 7))) & 1);
-        place++;
-      } while (!(code >= first[n] && code - first[n] < symbols[n].length));
-      symbol = symbols[n][code - first[n]];
-    }
-    if (symbol !== high) {
-      if (filled >= total) throw new Error("damaged PIZ: too many numbers");
-      out[filled++] = symbol;
-      continue;
-    }
-    const i = place >> 3;
-    const repeat = ((((bytes[i] ?? 0) << 8) | (bytes[i + 1] ?? 0)) >> (8 - (place & 7))) & 255;
-    place += 8;
-    if (filled === 0 || filled + repeat > total) throw new Error("damaged PIZ: a run goes beyond its block");
-    out.fill(out[filled - 1], filled, filled + repeat);
-    filled += repeat;
-  }
-  if (filled !== total) throw new Error("damaged PIZ: too few numbers");
   return out;
 }
 
