@@ -69,7 +69,7 @@ pub const LAYERS: &[Layer] = &[
     layer("view", &["transport", "cache", "lit", "demo"]),
     layer("signals", &[]),
     layer("cli", &[]),
-    // A second caller of the same calls; what the program has beside them (the cache, memory, options as text) it shares.
+    // A second caller of the same calls; of the program it asks for the folder of the cache.
     layer("python", &[]),
 ];
 
