@@ -97,7 +97,7 @@ impl Scene {
             let visible = sun_visibility(&self.volume, &self.pyramid, self.isovalue, positions, normals, sun);
             lit.add_sun(&visible.lit, sun.flux, &material);
         }
-        if texture.layout().layers.len() > 1 && !suns.is_empty() {
+        if isolume::transfer::BrickSource::layout(texture).layers.len() > 1 && !suns.is_empty() {
             let (volume, pyramid, isovalue) = (&self.volume, &self.pyramid, self.isovalue);
             let order = TriangleOrder::new(&self.whole);
             let triangles = &TriangleIndex::new(&self.whole, &order);

@@ -320,7 +320,7 @@ mod tests {
         let errors = vec![0.0; count];
         let lookups =
             Lookups { radiance: &radiance, errors: &errors, vertex_noise: 0.0, mean: 4.0 / 3.0, at_vertices: true };
-        let seen = |direction: Vec3, _: usize| [1.0 + direction.z * direction.z; 3];
+        let seen = |direction: Vec3| [1.0 + direction.z * direction.z; 3];
         let found = total_error(&layers, &checks, &lookups, (&light, &material), None, Some(&seen)).unwrap();
         // 65,536 directions of a deviation of 0.29: 0.0011, four of which over the mean.
         let cut = found.truncation.unwrap();

@@ -26,7 +26,8 @@ use rayon::prelude::*;
 pub struct Reflected {
     /// Linear exitant radiance.
     pub radiance: Vec<[f32; 3]>,
-    /// Variance of the mean of its channels, by two halves of the rays of both steps: one degree of freedom.
+    /// Variance, mean over its channels, by two halves of the rays of both steps: one degree of freedom. Lamps of several colours
+    /// leave more noise in the channels than in their mean.
     pub variance: Vec<f32>,
     /// Rays of each place.
     pub rays_each: u32,
@@ -339,13 +340,13 @@ impl<'a> SunLit<'a> {
     }
 }
 
-/// Of four estimates of which 0 and 2, and 1 and 3 share the first step: their mean, the variance of its grey by the
+/// Of four estimates of which 0 and 2, and 1 and 3 share the first step: their mean, the variance of its channels by the
 /// two pairs, and the part of it that differs within pairs.
 fn mean_and_variance(means: &[[f64; 3]; REPLICATES as usize]) -> ([f32; 3], f32, f64) {
     let mean: [f64; 3] = std::array::from_fn(|c| means.iter().map(|m| m[c]).sum::<f64>() / f64::from(REPLICATES));
-    let [a, b, c, d] = means.map(|m| (m[0] + m[1] + m[2]) / 3.0);
     // Each of variance v of its own and a pair t in common: the mean has v/4 + t/2, as (A − B)²/4 of the pairs' means.
-    let between = (0.5 * (a + c) - 0.5 * (b + d)).powi(2) / 4.0;
-    let within = ((a - c).powi(2) + (b - d).powi(2)) / 16.0;
+    let over_channels = |of: &dyn Fn([f64; 4]) -> f64| (0..3).map(|c| of(means.map(|m| m[c]))).sum::<f64>() / 3.0;
+    let between = over_channels(&|[a, b, c, d]| (0.5 * (a + c) - 0.5 * (b + d)).powi(2) / 4.0);
+    let within = over_channels(&|[a, b, c, d]| ((a - c).powi(2) + (b - d).powi(2)) / 16.0);
     (mean.map(|v| v as f32), between as f32, within)
 }

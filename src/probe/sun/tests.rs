@@ -44,7 +44,7 @@ fn suns_are_found_wherever_they_stand_and_energy_is_kept() {
             let name = format!("{azimuth}, {elevation}, {degrees}");
             assert_eq!(split.suns.len(), 1, "{name}: {}", split.stopped);
             assert_flux_kept(&name, &probe.image, &split);
-            let found = split.suns[0].sun;
+            let found = &split.suns[0].sun;
             let truth = direction(azimuth, elevation);
             let off = angle(found.direction_in_probe, truth).to_degrees();
             // A tenth of a pixel of 0.35°, and what the gradient of the sky behind adds.
@@ -137,7 +137,7 @@ fn real_probes_keep_their_energy() {
 fn a_sun_by_formula_is_taken_whole() {
     let probe = by_name("sun:30,60,1").unwrap().unwrap();
     let split = split_sun(&probe, &SunOptions::default());
-    let sun = split.suns[0].sun;
+    let sun = &split.suns[0].sun;
     assert!((2.0 * sun.angular_radius.to_degrees() - 1.0).abs() < 1e-12);
     assert!((sun.flux[0] * 0.5 * (1.0 + libm::cos(sun.angular_radius)) / PI - 1.0).abs() < 1e-12);
     assert!(split.rest.coefficients(5).iter().all(|c| c.energy() == 0.0));

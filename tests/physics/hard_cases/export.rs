@@ -29,7 +29,7 @@ impl Lit {
     fn new(name: &'static str, channels: &[Coefficients; 3], certified: bool) -> Self {
         let window = if certified { Window::Certified } else { Window::None };
         let layers = Layers::uniform(3, 3).unwrap();
-        let light = prepare(channels, channels, &layers, window).unwrap().light;
+        let light = prepare(channels, &layers, window).unwrap().light;
         let limits = std::array::from_fn(|c| {
             let values = light.coefficients(0).iter().map(|v| v[c]).collect();
             let channel = Coefficients::new(light.bands(0), values).unwrap();
