@@ -112,6 +112,8 @@ fn what_no_file_can_have_is_refused_before_the_bake() {
         ("--lod 0.25 -o a.glb", "such as 25%"),
         ("--lod 0 -o a.glb", "a number of triangles"),
         ("--lod 500,100 -o a.glb", "{lod} in the name for 2 levels"),
+        ("-o a-{lod}.glb", "expected --lod with it"),
+        ("--lod 500 -o a-{lod}.png -o a.glb", "a name without {lod}"),
         ("--lod 500 -o a.png", "pictures show the isosurface itself"),
         ("--for web -o a.ply", "an output that ends in .glb"),
         ("--for games -o a.glb", "possible values: web"),
