@@ -26,7 +26,7 @@ use rayon::prelude::*;
 const ALBEDO: f32 = 0.7;
 const BOUNCES: u32 = 12;
 /// Rays of the split sun for each vertex.
-const SUN_RAYS: u32 = 16;
+const SUN_RAYS: u32 = 64;
 
 struct Scene {
     volume: Volume,

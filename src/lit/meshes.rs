@@ -49,6 +49,11 @@ impl Job<'_> {
         const PLACE: &str = "{lod}";
         let text = output.to_string_lossy();
         let is_picture = text.to_ascii_lowercase().ends_with(".png");
+        if text.contains(PLACE) && (self.lods.is_empty() || is_picture) {
+            let expected = if is_picture { "a name without {lod}" } else { "--lod with it" };
+            let remedy = "pictures have no levels of detail; meshes have with --lod 50%,10%";
+            return Err(Error::argument("output", output.display(), expected, remedy));
+        }
         if self.lods.is_empty() || is_picture {
             return Ok(vec![(None, output.to_path_buf())]);
         }

@@ -125,11 +125,14 @@ pub fn render(
 /// A sun for one of the rays of a pixel: all of them together give it the rays that it has at a point.
 fn of_one_ray(sun: &SunLight, options: &RenderOptions) -> SunLight {
     let of_pixel = options.supersampling.max(1).pow(2) as u32;
-    SunLight { rays: sun.rays.div_ceil(of_pixel).max(sun.rays.min(FEWEST_SUN_RAYS)), ..sun.clone() }
+    SunLight { rays: sun.rays.div_ceil(OVER_PIXELS * of_pixel).max(sun.rays.min(FEWEST_SUN_RAYS)), ..sun.clone() }
 }
 
 /// Fewest rays to a sun, where it has as many: fewer would miss much of the penumbra.
 const FEWEST_SUN_RAYS: u32 = 8;
+
+/// Rays of a point over those of a pixel: beside it are others.
+const OVER_PIXELS: u32 = 2;
 
 /// Steps of a ray through the solid, in voxels.
 const STEP_IN_SOLID: f64 = 0.25;

@@ -57,7 +57,7 @@ const SEED: u64 = 0x5375_6e20_7261_7973;
 
 /// Rays in the penumbra over those elsewhere: with 16 rays everywhere the large lamps of a studio raised the stated noise of two
 /// surfaces to 3 and 6 %.
-pub const PENUMBRA: u32 = 8;
+pub const PENUMBRA: u32 = 4;
 
 /// Cells that the edge of a shadow crosses, over the root of the number of rays.
 ///

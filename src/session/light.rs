@@ -117,9 +117,10 @@ impl LightNote {
     }
 }
 
-/// Visibility rays for each surface point and sun; [`crate::render::PENUMBRA`] times as many in the penumbra.
+/// Visibility rays for each surface point and sun; [`crate::render::PENUMBRA`] times as many in the penumbra. Of 16 all agree
+/// at many points where a twig hides a part of a lamp: on emd_3197 under the studio that left 1.3 % of direct light untold.
 #[doc(hidden)]
-pub const SUN_RAYS: u32 = 16;
+pub const SUN_RAYS: u32 = 64;
 
 /// An environment, ready to be multiplied with transfer.
 #[derive(Clone, Debug)]

@@ -2,7 +2,7 @@
 
 use super::surface::Merged;
 use super::{Lit, Still, relightable};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::export::gltf::{ColourFormat, GltfOptions};
 use crate::export::lightmap::{Lightmap, LightmapReport, unwrap};
 use crate::export::simplify::{Lod, SimplificationError, Simplified, simplify};
@@ -93,7 +93,9 @@ impl Lit<'_> {
             file.mesh_extras =
                 relightable::extras(lit, lighting.probe, light, material, up, rotation, exposure, lamps)?;
         }
-        self.write_mesh(options, options.lightmap, |shown, made| {
+        // A surface without triangles is a file without a mesh, and so without a picture.
+        let has_triangles = self.texels.surface.parts.iter().any(|part| !part.isosurface.mesh().triangles.is_empty());
+        self.write_mesh(options, options.lightmap.filter(|_| has_triangles), |shown, made| {
             let simplified = shown.simplified.map(|simplified| &simplified.selection);
             for selection in simplified.into_iter().chain(shown.lightmap.map(|lightmap| &lightmap.selection)) {
                 file.scalars = selection.of_scalars(&file.scalars);
@@ -113,7 +115,10 @@ impl Lit<'_> {
     pub fn write_usdz(&self, path: impl AsRef<Path>, options: &MeshOptions) -> Result<MeshFile> {
         self.write_mesh(options, Some(options.lightmap.unwrap_or(USDZ_SIDE)), |shown, made| {
             made.size_in_metres = gltf::size_in_metres(&shown.mesh, options.scale);
-            let Some(texture) = shown.lightmap.map(|lightmap| lightmap.texture.clone()) else { return Ok(()) };
+            let texture = shown.lightmap.map(|lightmap| lightmap.texture.clone());
+            let texture = texture.ok_or_else(|| {
+                Error::argument("USDZ", "no picture", "one of the colours", "report this: it should not happen")
+            })?;
             let file = UsdzOptions { texture, scale: options.scale, provenance: shown.record };
             atomic::write(path, |w| usdz::write(w, &shown.mesh, &file))
         })

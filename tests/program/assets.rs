@@ -98,6 +98,11 @@ fn lightmaps_take_the_place_of_colours_at_vertices() {
         let [one, two] = [1, 2].map(|n| std::fs::read(bench.path(&format!("m{n}.{kind}"))).expect("the file"));
         assert_eq!(one, two, "{kind}");
     }
+    // Where there is no surface there is nothing to unwrap.
+    bench.run("relight g.isolume -i 100 -e sky --allow-empty --lod 50% --for web --lightmap 256 -o none.glb");
+    assert!(json_of(&bench, "none.glb").get("meshes").is_none());
+    let none = bench.command("relight g.isolume -i 100 -e sky --allow-empty -o none.usdz").assert().failure();
+    assert!(String::from_utf8_lossy(&none.get_output().stderr).contains("without triangles"));
     let json = json_of(&bench, "m1.glb");
     let attributes = &json["meshes"][0]["primitives"][0]["attributes"];
     assert!(attributes.get("TEXCOORD_0").is_some() && attributes.get("COLOR_0").is_none(), "{attributes}");
@@ -112,6 +117,8 @@ fn what_no_file_can_have_is_refused_before_the_bake() {
         ("--lod 0.25 -o a.glb", "such as 25%"),
         ("--lod 0 -o a.glb", "a number of triangles"),
         ("--lod 500,100 -o a.glb", "{lod} in the name for 2 levels"),
+        ("-o a-{lod}.glb", "expected --lod with it"),
+        ("--lod 500 -o a-{lod}.png -o a.glb", "a name without {lod}"),
         ("--lod 500 -o a.png", "pictures show the isosurface itself"),
         ("--for web -o a.ply", "an output that ends in .glb"),
         ("--for games -o a.glb", "possible values: web"),
