@@ -1,4 +1,4 @@
-//! Lights isosurfaces of a store by several environments, and writes each as .glb. No rays, no file but the store and
+//! Lights isosurfaces of a store by several environments, and writes each as .glb. No file but the store and
 //! the results.
 //!
 //! cargo run --release --example bake -- target/bumps.isolume

@@ -406,6 +406,22 @@ fn position_range(mesh: &ExportMesh<'_>) -> (Option<Value>, Option<Value>) {
     (Some(json!(low.to_array().map(f64::from))), Some(json!(high.to_array().map(f64::from))))
 }
 
+/// The scale of a file: what is given, or as [`scale`]; refused where it, or what a step of positions becomes by it, is none in
+/// 32 bits.
+pub(super) fn checked_scale(mesh: &ExportMesh<'_>, given: Option<f64>, step: f64) -> Result<f64> {
+    let scale = given.unwrap_or_else(|| scale(mesh));
+    let is_normal = |v: f64| v > 0.0 && (v as f32).is_normal();
+    if is_normal(scale) && is_normal(scale * step) {
+        return Ok(scale);
+    }
+    Err(Error::argument(
+        "scale",
+        scale,
+        format!("a number from {:e} to {:e}", f32::MIN_POSITIVE, f32::MAX),
+        "give --scale so that the object becomes about 1 in size",
+    ))
+}
+
 /// The node: translation ∘ up-rotation ∘ scale, so that node · `POSITION` =
 /// rotation · scale · world. Positions on a lattice begin at its corner, in steps of it.
 fn node(
@@ -414,15 +430,7 @@ fn node(
     lattice: Option<&web::Lattice>,
     mesh_index: Option<Index<json::Mesh>>,
 ) -> Result<json::Node> {
-    let scale = options.scale.unwrap_or_else(|| scale(mesh));
-    if !(scale > 0.0 && (scale as f32).is_normal()) {
-        return Err(Error::argument(
-            "scale",
-            scale,
-            format!("a number from {:e} to {:e}", f32::MIN_POSITIVE, f32::MAX),
-            "give --scale so that the object becomes about 1 in size",
-        ));
-    }
+    let scale = checked_scale(mesh, options.scale, lattice.map_or(1.0, web::Lattice::step))?;
     let centre = mesh.centre_in_world();
     let rotation = mesh.up.gltf_from_world();
     let origin = lattice.map_or(centre, |lattice| centre + lattice.corner());

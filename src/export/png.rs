@@ -23,7 +23,7 @@ pub struct PngOptions {
 /// # Errors
 /// [`Error::Limit`] with both amounts.
 pub fn check_size(size: (usize, usize), limit: Option<u64>) -> Result<()> {
-    let needed = (size.0 * size.1 * 40) as u64;
+    let needed = (size.0 as u64).saturating_mul(size.1 as u64).saturating_mul(40);
     memory::check("the picture", needed, limit).map_err(|e| match e {
         Error::Limit { what, needed, limit, .. } => {
             Error::Limit { what, needed, limit, remedy: "give a smaller --size".into() }

@@ -9,9 +9,9 @@
 
 use super::nearest::Nearest;
 use super::{ExportMesh, Selection};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::srgb;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::str::FromStr;
@@ -101,11 +101,15 @@ const COLOUR_WEIGHT: f32 = 0.5;
 /// Leaves about as many triangles as `lod` says; more where the shape or the border of the mesh allow no further collapse.
 ///
 /// # Errors
-/// What [`ExportMesh::check`] refuses; [`Error::Argument`](crate::Error::Argument) where the crate was built without the feature `meshopt`.
+/// What [`ExportMesh::check`] refuses; [`Error::Argument`] where so few triangles leave nothing of the mesh, and where the crate was
+/// built without the feature `meshopt`.
 pub fn simplify(mesh: &ExportMesh<'_>, lod: Lod) -> Result<Simplified> {
     mesh.check()?;
     let centre = mesh.centre_in_world();
-    let positions: Vec<Vec3> = (0..mesh.positions.len()).map(|v| mesh.positions.from_centre(v, centre)).collect();
+    // Over the longest side: squares of areas stay in range whatever the unit.
+    let side = longest_side(mesh);
+    let place = |v: usize| (mesh.positions.from_centre(v, centre).as_dvec3() / side).as_vec3();
+    let positions: Vec<Vec3> = (0..mesh.positions.len()).map(place).collect();
     let signals: Vec<[f32; 3]> =
         mesh.colours.par_iter().map(|c| c.map(|x| srgb::srgb_from_linear(f64::from(x)) as f32)).collect();
     let wanted = lod.of(mesh.triangles.len());
@@ -114,10 +118,30 @@ pub fn simplify(mesh: &ExportMesh<'_>, lod: Lod) -> Result<Simplified> {
     } else {
         mesh.triangles.to_vec()
     };
+    if triangles.is_empty() && !mesh.triangles.is_empty() {
+        let all = mesh.triangles.len();
+        let remedy = format!("give a larger number: the mesh has {all}");
+        return Err(Error::argument("lod", lod, "as many triangles as leave something of the surface", remedy));
+    }
     let selection = Selection::of_triangles(&triangles, positions.len());
     let pieces = Pieces::new(&positions, mesh.triangles, &selection.vertices);
-    let error = measure(&positions, &signals, &triangles, &pieces);
+    let found = measure(&positions, &signals, &triangles, &pieces);
+    let error = SimplificationError {
+        largest: side * found.largest,
+        rms: side * found.rms,
+        largest_piece_left_out: side * found.largest_piece_left_out,
+        ..found
+    };
     Ok(Simplified { selection, error })
+}
+
+/// Of the box around a mesh, in world; 1 for a point.
+pub(super) fn longest_side(mesh: &ExportMesh<'_>) -> f64 {
+    let centre = mesh.centre_in_world();
+    let all = (0..mesh.positions.len()).map(|v| mesh.positions.from_centre(v, centre).as_dvec3());
+    let (low, high) = all.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+    let side = (high - low).max_element();
+    if side.is_normal() && side > 0.0 { side } else { 1.0 }
 }
 
 #[cfg(feature = "meshopt")]
@@ -125,7 +149,7 @@ fn collapse(positions: &[Vec3], signals: &[[f32; 3]], triangles: &[[u32; 3]], wa
     const STRIDE: usize = size_of::<[f32; 3]>();
     let places: Vec<[f32; 3]> = positions.iter().map(Vec3::to_array).collect();
     let adapter = meshopt::VertexDataAdapter::new(bytemuck::cast_slice(&places), STRIDE, 0).map_err(|e| {
-        crate::error::Error::argument("mesh", e, "a mesh that meshoptimizer takes", "report this: it should not happen")
+        Error::argument("mesh", e, "a mesh that meshoptimizer takes", "report this: it should not happen")
     })?;
     let locked = vec![false; positions.len()];
     let left = meshopt::simplify_with_attributes_and_locks(
@@ -303,7 +327,7 @@ mod tests {
         let mut both = TestMesh::torus(24);
         let first = both.positions.len() as u32;
         for corner in [[0.0; 3], [0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.01]] {
-            both.positions.push(glam::DVec3::from_array(corner));
+            both.positions.push(DVec3::from_array(corner));
             both.normals.push(Vec3::Z);
             both.colours.push([0.5; 3]);
         }

@@ -31,13 +31,19 @@ const PICTURE: &str = "colours.png";
 ///
 /// # Errors
 /// What [`ExportMesh::check`] refuses; [`Error::Argument`] for a mesh without triangles, or texture coordinates that are not one to
-/// a vertex; [`Error::Io`] (path empty) from the stream.
+/// a vertex, and for a scale that is none in 32 bits; [`Error::Io`] (path empty) from the stream.
 pub fn write(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, options: &UsdzOptions) -> Result<()> {
     mesh.check()?;
     gltf::check_texture(mesh, Some(&options.texture))?;
     if mesh.is_empty() {
         let remedy = "choose another isovalue, or write .glb, which may be empty";
         return Err(Error::argument("mesh", "no triangles", "a surface to show", remedy));
+    }
+    let scale = gltf::checked_scale(mesh, options.scale, 1.0)?;
+    let longest = scale * (mesh.centre_in_world().abs().max_element() + mesh.box_in_world.size().max_element());
+    if !(longest as f32).is_finite() {
+        let remedy = "give a smaller --scale";
+        return Err(Error::argument("scale", scale, "a size within 3.4e38 metres", remedy));
     }
     let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
     let stored =
@@ -47,7 +53,7 @@ pub fn write(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, options: &Usd
         other => Error::argument("USDZ", other, "a file that zip can hold", "make it smaller"),
     };
     // The scene comes first: it is what a reader opens.
-    for (name, bytes) in [("scene.usda", scene(mesh, options).as_bytes()), (PICTURE, &options.texture.png)] {
+    for (name, bytes) in [("scene.usda", scene(mesh, options, scale).as_bytes()), (PICTURE, &options.texture.png)] {
         archive.start_file(name, stored).map_err(refused)?;
         archive.write_all(bytes).map_err(write_error)?;
     }
@@ -55,8 +61,7 @@ pub fn write(w: &mut (impl Write + ?Sized), mesh: &ExportMesh<'_>, options: &Usd
     w.write_all(&bytes).map_err(write_error)
 }
 
-fn scene(mesh: &ExportMesh<'_>, options: &UsdzOptions) -> String {
-    let scale = options.scale.unwrap_or_else(|| gltf::scale(mesh));
+fn scene(mesh: &ExportMesh<'_>, options: &UsdzOptions, scale: f64) -> String {
     let (centre, turn) = (mesh.centre_in_world(), mesh.up.gltf_from_world());
     let at = |v: usize| turn * (scale * mesh.positions.from_centre(v, centre).as_dvec3());
     let vertices = mesh.positions.len();

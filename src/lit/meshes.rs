@@ -2,8 +2,10 @@
 
 use super::Job;
 use crate::error::{Error, Result};
+use crate::export::png::check_size;
 use crate::export::simplify::Lod;
-use crate::export::target::{Format, Target};
+use crate::export::target::{Format, Target, make_folder};
+use crate::session::USDZ_SIDE;
 use std::path::{Path, PathBuf};
 
 impl Job<'_> {
@@ -65,5 +67,30 @@ impl Job<'_> {
         // A percent sign is a variable to some shells.
         let name = |lod: &Lod| text.replace(PLACE, &lod.to_string().replace('%', "pct"));
         Ok(self.lods.iter().map(|lod| (Some(*lod), name(lod).into())).collect())
+    }
+
+    /// Makes the directories that outputs name, level by level of detail.
+    pub(super) fn make_folders(&self) -> Result<()> {
+        for output in self.outputs {
+            self.levels(output)?.iter().try_for_each(|(_, path)| make_folder(path))?;
+        }
+        Ok(())
+    }
+
+    /// Refuses a picture of the colours that memory does not hold.
+    pub(super) fn check_lightmap(&self, files: &[Target]) -> Result<()> {
+        let side_of = |file: &Target| match file.format {
+            Format::Glb => self.mesh.lightmap,
+            Format::Usdz => Some(self.mesh.lightmap.unwrap_or(USDZ_SIDE)),
+            _ => None,
+        };
+        let Some(side) = files.iter().filter_map(side_of).max() else { return Ok(()) };
+        check_size((side as usize, side as usize), self.quality.memory_limit).map_err(|e| match e {
+            Error::Limit { needed, limit, .. } => {
+                let remedy = "give a smaller --lightmap".into();
+                Error::Limit { what: format!("a lightmap of {side} × {side} texels"), needed, limit, remedy }
+            }
+            other => other,
+        })
     }
 }

@@ -5,10 +5,11 @@ use crate::bake::{Quality, Request, Writing};
 use crate::cache::{Cache, Filled, InUse, Note, drafts, lights};
 use crate::error::{Error, Result};
 use crate::export::png::check_size;
-use crate::export::target::{Format, Target, make_folder, targets};
+use crate::export::target::{Format, Target, targets};
 use crate::geom::Up;
 use crate::level::Pyramid;
 use crate::memory;
+use crate::probe::{MOST_SUNS, SunSplit};
 use crate::quantity::{duration, number};
 use crate::scene::geometry::Geometry;
 use crate::scene::{EmissionRule, MaterialRule, Member, SceneFile};
@@ -55,13 +56,14 @@ impl<'a> Work<'a> {
         let isovalues: Vec<f64> = chosen.iter().map(|c| c.value).collect();
         let environments: Vec<String> = job.probes.iter().map(|p| p.name.clone()).collect();
         if job.turntable.is_some() {
-            job.outputs.iter().try_for_each(|output| make_folder(output))?;
+            job.make_folders()?;
         }
         let files = all_targets(job, volume, &isovalues, &environments)?;
         job.check_meshes(&files.concat())?;
         if files.iter().flatten().any(|f| f.format == Format::Png) {
             check_size((job.picture.width, job.picture.height), job.quality.memory_limit)?;
         }
+        job.check_lightmap(&files.concat())?;
         chosen.iter().flat_map(Chosen::notes).for_each(|text| note(&text));
         let pyramid = Pyramid::new(volume);
         let rule = job.material.rule_in(job.scene, volume.value_range())?;
@@ -101,7 +103,7 @@ impl<'a> Work<'a> {
     ) -> Result<Relit> {
         let in_scene = session.members()[0].store().identity().scene.is_some();
         let options = self.file_options(session.up(), in_scene);
-        self.job.outputs.iter().try_for_each(|output| make_folder(output))?;
+        self.job.make_folders()?;
         let mut surfaces = Vec::new();
         let mut written = Vec::new();
         let mut files = all_targets(self.job, self.volume, &self.isovalues, &self.environments)?.into_iter();
@@ -153,7 +155,10 @@ impl<'a> Work<'a> {
         }
         let surface = session.surface_of(parts)?;
         let what = format!("relighting isovalue {}", number(isovalues[0], 8));
-        memory::check(&what, surface.bytes_of_lighting(), self.job.quality.memory_limit)?;
+        let in_scene = session.members()[0].store().identity().scene.is_some();
+        let splits = !in_scene && self.job.light_options(in_scene).split_sun != SunSplit::Off;
+        let lamps = if splits { MOST_SUNS } else { 0 };
+        memory::check(&what, surface.bytes_of_lighting(lamps), self.job.quality.memory_limit)?;
         Ok(surface)
     }
 

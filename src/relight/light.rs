@@ -7,8 +7,7 @@ use crate::sh::{self, Coefficients};
 ///
 /// A light is one set of coefficients for all layers of the transfer, cut at each layer's band
 /// limit, or one set a layer. The latter is needed where layers must see different light: each
-/// layer a window of its own band limit ([`super::prepare`]), or direct light without the sun that is
-/// relit apart ([`crate::probe::split_sun`]) but reflected light with it.
+/// layer a window of its own band limit ([`super::prepare`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Light {
     // Invariant: not empty. Layer k takes set k, layers beyond the last set take the last.

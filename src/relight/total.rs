@@ -39,7 +39,7 @@ pub struct TotalError {
     pub rms: f64,
     /// 95 % of the errors are smaller than this, over the mean radiance.
     pub percentile_95: f64,
-    /// Noise of the bake.
+    /// Noise of the bake, and of the rays to lamps that are lit apart.
     pub noise: ErrorTerm,
     /// What lies between texels; between vertices where these have transfer of their own, and then no part of [`Self::rms`].
     pub texture: ErrorTerm,

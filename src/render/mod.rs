@@ -11,5 +11,5 @@ mod sun;
 pub use camera::{Camera, Projection, VIEWS, View, Viewpoint};
 pub use pixels::{SeenPoint, seen_points};
 pub use preview::{Backdrop, Picture, RenderOptions, Subject, radiance_along, render};
-pub use reflected::{Reflected, SunLit, Surroundings};
+pub use reflected::{Reflected, SunLit, Surroundings, bytes_of_suns};
 pub use sun::{PENUMBRA, SunLight, SunVisibility, sun_visibility};

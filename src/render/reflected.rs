@@ -70,11 +70,11 @@ const REPLICATES: u32 = 4;
 
 /// Rays of a vertex in each half of the first step, and most of all vertices: what is kept of a hit takes 24 bytes.
 const FIRST_RAYS: u32 = 192;
-const FEWEST_FIRST_RAYS: u32 = 16;
+const FEWEST_FIRST_RAYS: u32 = 4;
 const MOST_FIRST: usize = 5 << 20;
-/// Turns of the solution at most, and the largest change, over the largest radiance, at which it ends.
-const TURNS: usize = 256;
-const SETTLED: f32 = 1e-4;
+/// Turns of the solution at most, and what is left of it, over the largest radiance of one reflection, at which it ends.
+const TURNS: usize = 1024;
+const SETTLED: f32 = 1e-3;
 
 /// Standard error that is aimed at, root mean square over the places, over their mean radiance.
 const AIM: f64 = 0.012;
@@ -86,6 +86,18 @@ const MOST_RAYS: u32 = 2048;
 const MOST_OF_ALL: u64 = 1 << 26;
 /// Places of one task.
 const TASK: usize = 64;
+
+/// Rays of a vertex in each half of the first step.
+fn first_rays(vertices: usize) -> u32 {
+    (MOST_FIRST / vertices.max(1)).clamp(FEWEST_FIRST_RAYS as usize, FIRST_RAYS as usize) as u32
+}
+
+/// Bytes that suns take on a surface of so many vertices, about: what each sun brings to each, what is kept of the first step, and
+/// the sums of both.
+pub fn bytes_of_suns(vertices: usize, suns: usize) -> u64 {
+    let hits = u64::from(first_rays(vertices)) * size_of::<Met>() as u64 * 3 / 2;
+    vertices as u64 * (hits + 8 * suns as u64 + 128)
+}
 
 /// Part of the sine of a sun's radius that its chance has beyond its cosine, so that one half below the horizon is found.
 const BELOW_HORIZON: f32 = 0.5;
@@ -158,7 +170,7 @@ impl<'a> SunLit<'a> {
 
     /// R = G D + G R at the vertices, G of few rays each.
     fn solve(&mut self, count: usize, half: u32) -> Vec<[f32; 3]> {
-        let each = (MOST_FIRST / count.max(1)).clamp(FEWEST_FIRST_RAYS as usize, FIRST_RAYS as usize) as u32;
+        let each = first_rays(count);
         let mesh = self.surface.mesh;
         let scale: [f32; 3] = std::array::from_fn(|c| self.albedo[c] / each as f32);
         let mut all: Vec<(Vec<Met>, [f32; 3])> = vec![Default::default(); count];
@@ -184,6 +196,7 @@ impl<'a> SunLit<'a> {
         self.rays += parts.iter().sum::<u64>();
         let mut solution: Vec<[f32; 3]> = all.iter().map(|(_, once)| *once).collect();
         let largest = solution.iter().flatten().copied().fold(0.0, f32::max);
+        let mut before = 0.0;
         for _ in 0..TURNS {
             let turn = |(met, once): &(Vec<Met>, [f32; 3])| -> [f32; 3] {
                 let mut sum = [0.0f32; 3];
@@ -197,9 +210,12 @@ impl<'a> SunLit<'a> {
             let both = next.iter().flatten().zip(solution.iter().flatten());
             let change = both.fold(0.0f32, |most, (a, b)| most.max((a - b).abs()));
             solution = next;
-            if change <= SETTLED * largest {
+            // What is left is change · r/(1 − r), r the ratio of changes.
+            let ratio = if before > 0.0 { change / before } else { 0.0 };
+            if change <= 0.0 || ratio < 1.0 && before > 0.0 && change * ratio <= SETTLED * largest * (1.0 - ratio) {
                 break;
             }
+            before = change;
         }
         solution
     }

@@ -6,7 +6,7 @@
 use crate::geom::{Frame, Normal};
 use crate::level::{CellPoint, Counts, LevelField, Outcome, Pyramid, Start};
 use crate::probe::{LampShape, Orientation, Sun};
-use crate::sampling::{PathSampler, warp};
+use crate::sampling::{PathSampler, hash, warp};
 use crate::volume::{Sample, Volume, with_samples};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -80,6 +80,8 @@ pub(super) struct Disk {
     sine: f32,
     rays: u32,
     shape: Option<LampShape>,
+    /// Of its direction: lamps side by side take other rays.
+    key: u64,
 }
 
 impl Disk {
@@ -91,8 +93,9 @@ impl Disk {
             axis.map_or(Frame { tangent: Vec3::ZERO, bitangent: Vec3::ZERO, normal: Vec3::ZERO }, Frame::around);
         let radius = sun.angular_radius.clamp(0.0, std::f64::consts::FRAC_PI_2);
         let extent = sun.shape.as_ref().map_or(radius, |shape| shape.extent(sun.direction_in_world));
+        let key = sun.direction_in_world.to_array().iter().fold(0, |key, x| hash::key(key, x.to_bits()));
         let sine = libm::sin(extent.min(std::f64::consts::FRAC_PI_2)) as f32;
-        Self { frame, height: warp::cap_height(radius), sine, rays: sun.rays.max(1), shape: sun.shape.clone() }
+        Self { frame, height: warp::cap_height(radius), sine, rays: sun.rays.max(1), shape: sun.shape.clone(), key }
     }
 
     /// Unit vector to the centre.
@@ -128,7 +131,7 @@ impl Disk {
             return (0.0, 0.0);
         }
         let start = Start::on(at);
-        let sequence = PathSampler::new(SEED, item, 0).sequence(0);
+        let sequence = PathSampler::new(SEED ^ self.key, item, 0).sequence(0);
         let (mut sum, mut squares, mut lit, mut rays) = (0.0, 0.0, 0, 0);
         let mut most = self.rays;
         while rays < most {

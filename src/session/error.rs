@@ -77,10 +77,12 @@ impl Lit<'_> {
             (Some(_), Some(index)) => {
                 let place = texels.surface.parts.iter().position(|p| std::ptr::eq(p, part)).unwrap_or(0);
                 let contracted = &texels.members[place];
+                // Of the transfer alone, as what is looked up there.
+                let own = contracted.vertex_errors(errors.len());
                 places
                     .map(|(&position, &normal)| {
                         let found = contracted.between_vertices(&index, position, normal, light, material, &mut report);
-                        (found, error_between(&index, position, errors))
+                        (found, error_between(&index, position, &own))
                     })
                     .unzip()
             }

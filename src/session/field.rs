@@ -1,7 +1,7 @@
 //! The relit texture of a store: the radiance of the level set through each of its texels.
 
 use super::{Lighting, LuminaireFactor, radiance_of_bricks};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::export::field::{FieldFormat, RadianceField};
 use crate::grid3;
 use crate::relight::{LookupReport, Material};
@@ -31,10 +31,10 @@ pub struct RelitField {
 }
 
 impl RelitField {
-    /// Multiplies the texture of a store with light. Lamps that are lit apart are missing: a texture has no sharp shadows.
+    /// Multiplies the texture of a store with light.
     ///
     /// # Errors
-    /// As [`radiance_of_bricks`]; when a brick cannot be read.
+    /// When lamps are lit apart: they have no texture. As [`radiance_of_bricks`]; when a brick cannot be read.
     pub fn new(
         store: &Store,
         volume: &Volume,
@@ -42,6 +42,11 @@ impl RelitField {
         material: &Material,
         luminaires: &[LuminaireFactor],
     ) -> Result<Self> {
+        if !lighting.suns().is_empty() {
+            let found = format!("{} lamps lit apart", lighting.suns().len());
+            let remedy = "leave lamps in the light: sun split off";
+            return Err(Error::argument("light", found, "all of it in the bands", remedy));
+        }
         let lattice = store.layout().lattice;
         let bricks = Selection::all(lattice).bricks();
         let (contracted, _) = radiance_of_bricks(store, &bricks, lighting, material, luminaires)?;

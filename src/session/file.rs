@@ -136,7 +136,7 @@ pub struct WrittenFile {
     pub exposure_ev: f64,
     /// Vertices with a channel below 0.
     pub negative: u64,
-    /// Visibility rays of suns that were split off.
+    /// Rays of suns that were split off: of visibility, and those that find what the surface reflects of them.
     pub sun_rays: u64,
     /// What was done to the light.
     pub notes: Vec<String>,

@@ -68,8 +68,8 @@ fn names(groups: &Groups<'_>) -> Vec<String> {
     names
 }
 
-/// What a reader needs to relight: the light, the material, and how they go together. Where lamps are lit apart, the light
-/// is what the layers of reflected light see, which have them; only the colours of the file have their sharp shadows.
+/// What a reader needs to relight: the light, the material, and how they go together. The light has the lamps that are lit apart;
+/// only the colours of the file have their sharp shadows.
 pub(super) fn extras(
     (store, factors): (&Store, &[LuminaireFactor]),
     probe: &Probe,
@@ -92,7 +92,7 @@ pub(super) fn extras(
         "negative": "before exposure, radiance with a channel below 0 (least) becomes Y + Y/(Y - least) (radiance - Y), Y its luminance 0.2126 R + 0.7152 G + 0.0722 B; 0 where Y <= 0",
         "tail": "albedo^(K+1) <T_K, L> x/(1-x), x = albedo * min(a_K/a_(K-1), S/(S+a_K)), a_k = sqrt(4 pi) T_k,00, S = max(0, 1 - sum a_k); none for one layer",
         "bands": layers.bands(),
-        "light": { "name": probe.name, "rotation_degrees": rotation, "coefficients_in_world": light.coefficients(usize::from(lamps > 0)) },
+        "light": { "name": probe.name, "rotation_degrees": rotation, "coefficients_in_world": light.coefficients(0) },
         "lamps_lit_apart": lamps,
         "albedo": material.albedo, "emission": material.emission, "exposure": exposure,
         "world_from_upright": (0..turn.bands()).map(|l| turn.block(l)).collect::<Vec<_>>(),

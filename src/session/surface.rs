@@ -6,7 +6,7 @@ use super::{Isosurface, Lighting, Lit, LitOptions, LitTexels, LuminaireFactor, S
 use crate::error::Result;
 use crate::geom::Bounds;
 use crate::relight::{Contracted, Exposure, LayerFactors, Material, TriangleIndex, TriangleOrder};
-use crate::render::{SunLit, Surroundings};
+use crate::render::{SunLit, Surroundings, bytes_of_suns};
 use crate::surface::Mesh;
 use crate::transfer::{BRICK_TEXELS, Lattice, texels_of_isosurface};
 use crate::volume::Volume;
@@ -103,10 +103,10 @@ impl<'s> Surface<'s> {
         self.parts.iter().map(|part| part.isosurface.positions().len()).sum()
     }
 
-    /// Bytes that lighting it takes, about: the volumes with their pyramids, the contracted bricks, and the meshes with
+    /// Bytes that lighting it by at most so many lamps apart takes, about: the volumes with their pyramids, the contracted bricks, and the meshes with
     /// their colours, once more while they are written.
     #[doc(hidden)]
-    pub fn bytes_of_lighting(&self) -> u64 {
+    pub fn bytes_of_lighting(&self, lamps: usize) -> u64 {
         // Radiance, weight and standard error of a texel; two positions, two normals, radiance, colour, error and what
         // is written of a vertex; a triangle, twice.
         const TEXEL: u64 = 20;
@@ -117,7 +117,9 @@ impl<'s> Surface<'s> {
             let contracted = part.bricks.len() as u64 * BRICK_TEXELS as u64 * TEXEL;
             let mesh = part.isosurface.mesh();
             let mesh = mesh.positions_in_grid.len() as u64 * VERTEX + mesh.triangles.len() as u64 * TRIANGLE;
-            volume + contracted + mesh
+            let of_suns =
+                if lamps > 0 { bytes_of_suns(part.isosurface.mesh().positions_in_grid.len(), lamps) } else { 0 };
+            volume + contracted + mesh + of_suns
         };
         self.parts.iter().zip(self.session.members().iter().map(|m| m.volume())).map(bytes).sum()
     }
@@ -148,10 +150,11 @@ impl<'s> Surface<'s> {
                 return None;
             }
             let layers = &part.isosurface.transfer().unwrap_or(member.store()).layout().layers;
+            let reflects = layers.len() > 1 && !member.store().identity().estimator.ignores_shadows();
             let (mesh, triangles) = (part.isosurface.mesh(), &part.all_triangles());
             let (volume, pyramid, isovalue) = (member.volume(), member.pyramid(), part.isosurface.isovalue());
             let surface = Surroundings { volume, pyramid, isovalue, mesh, triangles };
-            let lit = SunLit::new(surface, &lighting.suns, material.albedo, layers.len() > 1);
+            let lit = SunLit::new(surface, &lighting.suns, material.albedo, reflects);
             let reflected = lit.reflected(&mesh.positions_in_grid, &mesh.normals, contracted.noise.mean_radiance);
             let rays = lit.rays() + reflected.rays;
             Some(OfSuns { seen: lit.seen, reflected, rays })

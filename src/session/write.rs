@@ -9,7 +9,7 @@ use crate::export::simplify::{Lod, SimplificationError, Simplified, simplify};
 use crate::export::usdz::{self, UsdzOptions};
 use crate::export::{ExportMesh, Positions, atomic, gltf, ply, png, stl};
 use crate::quantity::number;
-use crate::relight::{ErrorTerm, TotalError};
+use crate::relight::{ErrorTerm, Light, TotalError};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -88,7 +88,13 @@ impl Lit<'_> {
             file.scalars = relightable::attributes(parts.map(|(m, part)| (m.store(), &part.isosurface)))?;
             let lit = (session.members()[0].store(), &*texels.luminaires);
             let rotation = lighting.options.rotation_degrees;
-            let (light, material, up) = (&lighting.light, &texels.material, session.up());
+            let (material, up) = (&texels.material, session.up());
+            // Of lamps that are lit apart the file has nothing but the light.
+            let whole = lighting.whole(up, lighting.light.bands(0))?;
+            let light = match lighting.suns.is_empty() {
+                true => &lighting.light,
+                false => &Light::from_channels(&whole)?,
+            };
             let (exposure, lamps) = (self.exposure, lighting.suns.len());
             file.mesh_extras =
                 relightable::extras(lit, lighting.probe, light, material, up, rotation, exposure, lamps)?;

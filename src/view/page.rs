@@ -73,3 +73,27 @@ pub fn script() -> String {
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    /// Twice the same name is a syntax error of the one module, and no page.
+    #[test]
+    fn no_name_of_the_scripts_occurs_twice() {
+        let script = script();
+        let names = script.lines().flat_map(|line| {
+            let mut words = line.split([' ', '(', '=', ';', '*']).filter(|word| !word.is_empty());
+            let is_declaration = match words.next() {
+                Some("async") => words.next() == Some("function"),
+                first => matches!(first, Some("function" | "const" | "let" | "class")),
+            };
+            // One a line: lists and patterns do not stand at the top.
+            words.next().filter(|name| is_declaration && !line.starts_with(' ') && !name.starts_with(['{', '[']))
+        });
+        let mut seen = BTreeSet::new();
+        let twice: Vec<&str> = names.filter(|name| !seen.insert(name.to_string())).collect();
+        assert!(seen.len() > 50 && twice.is_empty(), "{} names, twice {twice:?}", seen.len());
+    }
+}

@@ -118,7 +118,7 @@ fn in_a_furnace_direct_and_reflected_light_are_one() {
     let (mean, error) = (all.iter().sum::<f64>() / n, variance.iter().sum::<f64>().sqrt() / n);
     let reflected = found.radiance.iter().map(|v| f64::from(v[0])).sum::<f64>() / n;
     println!("{mean} ± {error}, {reflected} of it by reflection, {} paths", found.rays_each);
-    assert!(reflected > 0.1, "{reflected}");
+    assert!(reflected > 0.02, "{reflected}");
     // Rays lost at grazing starts are hits here and there; a path in 600 is cut.
     assert!((mean - 1.0).abs() < 4.0 * error + 0.003, "{mean} ± {error}");
 }

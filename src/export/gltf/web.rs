@@ -38,14 +38,17 @@ impl Lattice {
             (low, high) = (low.min(p), high.max(p));
         }
         let side = (high - low).max_element();
-        let mut step = if side > 0.0 { libm::exp2(libm::log2(side / f64::from(u16::MAX)).ceil()) } else { 1.0 };
+        let least = libm::exp2(libm::log2(side / f64::from(u16::MAX)).ceil());
+        let mut step = if least.is_normal() { least } else { 1.0 };
         let corner = loop {
             // In world, where the planes of grids are at round places.
             let corner = ((centre + low) / step).floor() * step - centre;
-            if ((high - corner) / step).max_element() <= f64::from(u16::MAX) {
-                break corner;
+            // No comparison holds of what is no number.
+            if ((high - corner) / step).max_element() > f64::from(u16::MAX) && step < f64::MAX / 2.0 {
+                step *= 2.0;
+            } else {
+                break corner.min(low);
             }
-            step *= 2.0;
         };
         Self { corner, step }
     }

@@ -43,15 +43,19 @@ pub(super) fn cut(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Chart> {
         .collect();
     let normals: Vec<Vec3> = twice_area.iter().map(|n| n.normalize_or_zero()).collect();
     let area = twice_area.iter().map(|n| 0.5 * f64::from(n.length())).sum::<f64>();
-    let edges = (0..triangles.len()).map(|t| f64::from(corners(t)[0].distance(corners(t)[1]))).sum::<f64>();
-    let edge = (edges / triangles.len().max(1) as f64) as f32;
+    let around = |[a, b, c]: [Vec3; 3]| f64::from(a.distance(b)) + f64::from(b.distance(c)) + f64::from(c.distance(a));
+    let edges = (0..triangles.len()).map(|t| around(corners(t))).sum::<f64>();
+    let edge = (edges / (3 * triangles.len()).max(1) as f64) as f32;
+    let (low, high) = positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
+    let longest_side = (high - low).max_element();
     let cutter = Cutter {
         positions,
         triangles,
         normals,
         neighbours: neighbours(triangles),
         longest: LONGEST * area.sqrt() as f32,
-        cell: (2.0 * edge).max(f32::MIN_POSITIVE),
+        // A triangle lies in a bounded number of cells, however small the others are.
+        cell: (2.0 * edge).max(longest_side / 1024.0).max(f32::MIN_POSITIVE),
         slack: SLACK * edge,
     };
     let mut owner = vec![None; triangles.len()];

@@ -14,6 +14,7 @@ mod pack;
 mod seams;
 
 use super::gltf::Texture;
+use super::simplify::longest_side;
 use super::{ExportMesh, Image, Selection, png};
 use crate::error::{Error, Result};
 use crate::srgb;
@@ -69,8 +70,12 @@ pub fn unwrap(shown: &ExportMesh<'_>, original: &ExportMesh<'_>, side: u32) -> R
         let remedy = "choose another isovalue, or leave out the lightmap";
         return Err(Error::argument("lightmap", "a mesh without triangles", "a surface to unwrap", remedy));
     }
+    // Over the longest side: squares of areas stay in range whatever the unit.
+    let unit = longest_side(shown);
     let places = |mesh: &ExportMesh<'_>| -> Vec<Vec3> {
-        (0..mesh.positions.len()).map(|v| mesh.positions.from_centre(v, mesh.centre_in_world())).collect()
+        let centre = mesh.centre_in_world();
+        let place = |v: usize| (mesh.positions.from_centre(v, centre).as_dvec3() / unit).as_vec3();
+        (0..mesh.positions.len()).map(place).collect()
     };
     let positions = places(shown);
     let charts = cut(&positions, shown.triangles);

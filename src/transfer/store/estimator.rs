@@ -79,6 +79,16 @@ pub enum Surroundings {
 }
 
 impl EstimatorIdentity {
+    /// Whether all texels are lit as if nothing hid the light from them.
+    pub fn ignores_shadows(&self) -> bool {
+        match self {
+            Self::Path { shadowing } | Self::Gather { shadowing, .. } | Self::Photon { shadowing, .. } => {
+                *shadowing == Shadows::Ignored
+            }
+            Self::ScenePath { .. } | Self::Custom { .. } => false,
+        }
+    }
+
     /// Which version of its computation this program has: stores of another one are read, and not extended, because
     /// their texels would have other numbers and other errors.
     ///

@@ -3,6 +3,7 @@
 import { OPEN_BY_DEGREE, applyBlocks, openRadiance, projectLatLong, rotateAboutZ } from "./sh.mjs";
 import { decodeRadiance } from "./radiance.mjs";
 import { decodeOpenExr } from "./openexr.mjs";
+import { halfFromNumber } from "./openexr_codes.mjs";
 import { host } from "./host.mjs";
 import { counters, isSelfContained, loadPackage, request, section } from "./data.mjs";
 import { MODES } from "./shaders.mjs";
@@ -224,18 +225,11 @@ function smallPicture(width, height, rgb) {
       for (let c = 0; c < 3; c++) {
         let sum = 0;
         for (let j = from[1]; j < to[1]; j++) for (let i = from[0]; i < to[0]; i++) sum += Math.max(0, rgb[3 * (i + width * j) + c] || 0);
-        picture[3 * (x + size[0] * y) + c] = halfFromNumber(sum / ((to[0] - from[0]) * (to[1] - from[1])));
+        picture[3 * (x + size[0] * y) + c] = halfFromNumber(Math.min(sum / ((to[0] - from[0]) * (to[1] - from[1])) || 0, 65000));
       }
     }
   }
   return { size, picture };
-}
-
-/** A positive number as half float, rounded down. */
-function halfFromNumber(value) {
-  if (!(value > 6.2e-5)) return 0;
-  const exponent = Math.floor(Math.log2(Math.min(value, 65000)));
-  return ((exponent + 15) << 10) | Math.floor((Math.min(value, 65000) / 2 ** exponent - 1) * 1024);
 }
 
 /** Reads a dropped file: in the page where it can be, else with the program's help. */

@@ -5,6 +5,7 @@ import { inflate, numberFromHalf, unfilter, unpackHuffman, unpackRuns } from "./
 import { unpackDwa } from "./openexr_dwa.mjs";
 
 const COMPRESSIONS = ["NONE", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB"];
+const MOST_CHANNELS = 1024;
 const ROWS_OF_A_BLOCK = { NONE: 1, RLE: 1, ZIPS: 1, ZIP: 16, PIZ: 32, DWAA: 32, DWAB: 256 };
 
 /** Decodes the bytes of an .exr file: { width, height, rgb }. Rejects what it cannot read, with the reason. */
@@ -32,6 +33,8 @@ export async function decodeOpenExr(bytes) {
     at += 4 + size;
   }
   at++;
+  const missing = ["channels", "compression", "dataWindow"].find((name) => attributes[name] === undefined);
+  if (missing) throw new Error(`the header has no ${missing}`);
   const compression = COMPRESSIONS[bytes[attributes.compression]];
   if (!(compression in ROWS_OF_A_BLOCK)) {
     throw new Error(`${compression ?? "unknown"} compression is not read in the page; convert it: isolume env convert X.exr -o X.hdr`);
@@ -47,13 +50,14 @@ export async function decodeOpenExr(bytes) {
   for (let block = 0; block < Math.ceil(height / rows); block++) {
     const start = Number(view.getBigUint64(at + 8 * block, true));
     const first = view.getInt32(start, true) - top;
+    if (first !== block * rows) throw new Error(`block ${block} says that it begins at row ${first}`);
     const size = view.getUint32(start + 4, true);
     const count = Math.min(rows, height - first);
     let data = bytes.subarray(start + 8, start + 8 + size);
     if (compression !== "NONE" && size < rowBytes * count) {
       if (compression === "PIZ") data = unpackPiz(data, width, count, channels);
       else if (compression.startsWith("DWA")) data = await unpackDwa(data, width, count, channels);
-      else data = unfilter(compression === "RLE" ? unpackRuns(data, rowBytes * count) : await inflate(data));
+      else data = unfilter(compression === "RLE" ? unpackRuns(data, rowBytes * count) : await inflate(data, rowBytes * count));
     }
     if (data.length < rowBytes * count) throw new Error("the file ends in the middle of a block");
     const pixels = new DataView(data.buffer, data.byteOffset, data.byteLength);
@@ -79,6 +83,8 @@ function readChannels(bytes, view, at) {
     if (at >= bytes.length) throw new Error("the list of channels has no end");
     at++;
     const type = view.getUint32(at, true); // 0 integer, 1 half, 2 float
+    if (type > 2) throw new Error(`channel ${name} holds numbers of the unknown type ${type}`);
+    if (channels.length === MOST_CHANNELS) throw new Error(`more than ${MOST_CHANNELS} channels`);
     if (view.getUint32(at + 8, true) !== 1 || view.getUint32(at + 12, true) !== 1) {
       throw new Error("subsampled channels are not read");
     }

@@ -9,10 +9,41 @@ export function numberFromHalf(bits) {
   return sign * (1024 + mantissa) * 2 ** (exponent - 25);
 }
 
-/** Undoes zlib. */
-export async function inflate(bytes) {
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
+/** A number as the nearest half float. */
+export function halfFromNumber(value) {
+  halfFromNumber.float[0] = value;
+  const bits = halfFromNumber.bits[0];
+  const sign = (bits >>> 16) & 0x8000, size = bits & 0x7fffffff;
+  if (size > 0x7f800000) return sign | 0x7e00;
+  if (size >= 0x47800000) return sign | 0x7c00;
+  // Ties to even, as floats are rounded everywhere.
+  if (size >= 0x38800000) return sign | ((size - 0x38000000 + 0xfff + ((size >> 13) & 1)) >> 13);
+  const steps = Math.abs(value) * 2 ** 24, below = Math.floor(steps), rest = steps - below;
+  return sign | (rest > 0.5 || (rest === 0.5 && below % 2 === 1) ? below + 1 : below);
+}
+halfFromNumber.float = new Float32Array(1);
+halfFromNumber.bits = new Uint32Array(halfFromNumber.float.buffer);
+
+/** Undoes zlib; what unpacks to more than `most` bytes is damaged. */
+export async function inflate(bytes, most) {
+  const reader = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate")).getReader();
+  const parts = [];
+  let length = 0;
+  for (let part = await reader.read(); !part.done; part = await reader.read()) {
+    length += part.value.length;
+    if (length > most) {
+      await reader.cancel();
+      throw new Error("a block unpacks to more than it holds");
+    }
+    parts.push(part.value);
+  }
+  const out = new Uint8Array(length);
+  let at = 0;
+  for (const part of parts) {
+    out.set(part, at);
+    at += part.length;
+  }
+  return out;
 }
 
 /** Undoes the differences and the split into halves that OpenEXR makes before zlib. */
@@ -37,6 +68,7 @@ export function unpackRuns(bytes, length) {
     at += count < 0 ? more : 1;
     end += more;
   }
+  if (end !== length) throw new Error("runs end before their block");
   return out;
 }
 

@@ -2,24 +2,9 @@
 // luminance and two differences; alpha as runs; other channels as they are. The layout is that of OpenEXR's ImfDwaCompressor; the
 // order of numbers in a square is that of JPEG.
 
-import { inflate, numberFromHalf, unfilter, unpackHuffman, unpackRuns } from "./openexr_codes.mjs";
+import { halfFromNumber, inflate, numberFromHalf, unfilter, unpackHuffman, unpackRuns } from "./openexr_codes.mjs";
 
 const HEADER = 88, AS_IT_IS = 0, COSINES = 1, RUNS = 2;
-
-/** A number as the nearest half float. */
-export function halfFromNumber(value) {
-  halfFromNumber.float[0] = value;
-  const bits = halfFromNumber.bits[0];
-  const sign = (bits >>> 16) & 0x8000, size = bits & 0x7fffffff;
-  if (size > 0x7f800000) return sign | 0x7e00;
-  if (size >= 0x47800000) return sign | 0x7c00;
-  // Ties to even, as floats are rounded everywhere.
-  if (size >= 0x38800000) return sign | ((size - 0x38000000 + 0xfff + ((size >> 13) & 1)) >> 13);
-  const steps = Math.abs(value) * 2 ** 24, below = Math.floor(steps), rest = steps - below;
-  return sign | (rest > 0.5 || (rest === 0.5 && below % 2 === 1) ? below + 1 : below);
-}
-halfFromNumber.float = new Float32Array(1);
-halfFromNumber.bits = new Uint32Array(halfFromNumber.float.buffer);
 
 /** For each half in the curve of the cosines that of linear light: a power up to 1, an exponential beyond. */
 const linearOfHalf = () => (linearOfHalf.table ??= Uint16Array.from({ length: 65536 }, (_, bits) => {
@@ -66,14 +51,16 @@ function classify(bytes, view, channels) {
     while (at < end && bytes[at] !== 0) name += String.fromCharCode(bytes[at++]);
     if (at + 3 > end) throw new Error("damaged DWA: its rules");
     const value = bytes[at + 1], type = bytes[at + 2];
-    rules.push({ name, type, set: (value >> 4) - 1, scheme: (value >> 2) & 3, anyCase: (value & 1) === 1 });
+    const anyCase = (value & 1) === 1;
+    rules.push({ name: anyCase ? name.toLowerCase() : name, type, set: (value >> 4) - 1, scheme: (value >> 2) & 3, anyCase });
     at += 3;
   }
   const found = channels.map(({ name, type }) => {
-    const suffix = name.slice(name.lastIndexOf(".") + 1);
-    const fits = (rule) => (rule.anyCase ? rule.name.toLowerCase() === suffix.toLowerCase() : rule.name === suffix) && rule.type === type;
+    const suffix = name.slice(name.lastIndexOf(".") + 1), lower = suffix.toLowerCase();
+    const fits = (rule) => rule.name === (rule.anyCase ? lower : suffix) && rule.type === type;
     return rules.find(fits) ?? { scheme: AS_IT_IS, set: -1 };
   });
+  if (found.some(({ scheme, set }) => scheme > RUNS || set > 2)) throw new Error("damaged DWA: its rules");
   return { found, end };
 }
 
@@ -83,12 +70,13 @@ export async function unpackDwa(bytes, width, rows, channels) {
   if (bytes.length < HEADER) throw new Error("damaged DWA: its sizes");
   const [version, plainSize, plainPacked, acPacked, dcPacked, runsPacked, runsSize, rawSize, acCount, dcCount, acCode] =
     Array.from({ length: 11 }, (_, i) => Number(view.getBigUint64(8 * i, true)));
+  if (version > 2) throw new Error(`DWA compression of version ${version} is not known`);
   if (version < 2) throw new Error("DWA compression of version 1 is not read in the page; convert it: isolume env convert X.exr -o X.hdr");
   const { found, end } = classify(bytes, view, channels);
   const pixels = width * rows, across = Math.ceil(width / 8), down = Math.ceil(rows / 8);
   const sizeOf = (scheme) => channels.reduce((sum, c, i) => sum + (found[i].scheme === scheme ? c.bytes * pixels : 0), 0);
   const squares = across * down * found.filter((f) => f.scheme === COSINES).length;
-  if (plainSize !== sizeOf(AS_IT_IS) || rawSize !== sizeOf(RUNS) || dcCount !== squares || acCount > 64 * squares) {
+  if (plainSize !== sizeOf(AS_IT_IS) || rawSize !== sizeOf(RUNS) || dcCount !== squares || acCount > 64 * squares || acCode > 1 || runsSize > 2 * rawSize) {
     throw new Error("damaged DWA: its sizes");
   }
   let at = end;
@@ -101,15 +89,15 @@ export async function unpackDwa(bytes, width, rows, channels) {
     if (data.length !== size) throw new Error("damaged DWA: a part has another size");
     return data;
   };
-  const plain = plainSize > 0 ? whole(await inflate(plainPart), plainSize) : plainPart;
+  const plain = plainSize > 0 ? whole(await inflate(plainPart, plainSize), plainSize) : plainPart;
   const halves = (data) => {
     const from = new DataView(data.buffer, data.byteOffset, data.byteLength);
     return Uint16Array.from({ length: data.length >> 1 }, (_, i) => from.getUint16(2 * i, true));
   };
   let ac = new Uint16Array(0);
-  if (acCount > 0) ac = acCode === 0 ? unpackHuffman(acPart, acCount) : halves(whole(await inflate(acPart), 2 * acCount));
-  const dc = dcCount > 0 ? halves(whole(unfilter(await inflate(dcPart)), 2 * dcCount)) : ac;
-  const raw = rawSize > 0 ? whole(unpackRuns(whole(await inflate(runsPart), runsSize), rawSize), rawSize) : runsPart;
+  if (acCount > 0) ac = acCode === 0 ? unpackHuffman(acPart, acCount) : halves(whole(await inflate(acPart, 2 * acCount), 2 * acCount));
+  const dc = dcCount > 0 ? halves(whole(unfilter(await inflate(dcPart, 2 * dcCount)), 2 * dcCount)) : ac;
+  const raw = rawSize > 0 ? whole(unpackRuns(whole(await inflate(runsPart, runsSize), runsSize), rawSize), rawSize) : runsPart;
 
   // Three of one prefix, in the order of their sets, are luminance and differences; then the others, in the order of the file.
   const prefixes = new Map();
@@ -120,7 +108,8 @@ export async function unpackDwa(bytes, width, rows, channels) {
   });
   const groups = [...prefixes.keys()].sort().map((prefix) => [0, 1, 2].map((set) => prefixes.get(prefix).find((i) => found[i].set === set)));
   const triples = groups.filter((group) => group.every((i) => i !== undefined));
-  const singles = channels.map((_, i) => i).filter((i) => found[i].scheme === COSINES && !triples.flat().includes(i)).map((i) => [i]);
+  const inTriples = new Set(triples.flat());
+  const singles = channels.map((_, i) => i).filter((i) => found[i].scheme === COSINES && !inTriples.has(i)).map((i) => [i]);
 
   const rowBytes = width * channels.reduce((sum, c) => sum + c.bytes, 0);
   const out = new Uint8Array(rowBytes * rows), to = new DataView(out.buffer);
@@ -130,6 +119,7 @@ export async function unpackDwa(bytes, width, rows, channels) {
   for (const group of [...triples, ...singles]) {
     unpackSquares(group.map((i) => ({ ...channels[i], start: starts[i] })), { ac, dc, next, width, rows, across, down, to, rowBytes });
   }
+  if (next.ac !== acCount) throw new Error("damaged DWA: too many numbers");
   let [plainAt, rawAt] = [0, 0];
   channels.forEach(({ bytes: size }, i) => {
     if (found[i].scheme === COSINES) return;
