@@ -3,8 +3,7 @@
 //! cargo run --release --example bake -- brain.nii.gz 90 brain.isolume
 
 use isolume::bake::Task;
-use isolume::transport::Progress;
-use isolume::{Bake, Observer, Scene};
+use isolume::{Bake, Observer, Progress, Scene};
 use std::{sync::atomic::Ordering, time::Duration, time::Instant};
 
 struct Watch(Instant);

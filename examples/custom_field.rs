@@ -2,9 +2,8 @@
 //!
 //! cargo run --release --example custom_field -- balls.isolume
 
-use isolume::geom::Bounds;
 use isolume::volume::field::{Field, sample};
-use isolume::{Bake, Scene, Silent, glam::DVec3};
+use isolume::{Bake, Bounds, Scene, Silent, glam::DVec3};
 
 struct Metaballs;
 

@@ -106,7 +106,7 @@
 //! | [`render`] | camera rays for previews, what pixels see | solvers |
 //! | [`export`] | GLB, USDZ, PLY, PNG, VTI, NRRD, contact sheets, simpler meshes, lightmaps, atomic files | volumes, SH, light |
 //! | [`session`] | a store, its surfaces, and light on them: meshes and pictures, step by step | the bake, the clock |
-//! | [`cache`] | stores of volumes that are lit without a bake of their own: their place, drafts before them, what leaves | how a store is lit |
+//! | [`cache`] | stores of volumes that are lit without a bake of their own: their place, drafts before them, what leaves; the light that their errors are measured by | surfaces, files of lit surfaces |
 //! | [`lit`] | from a store, a volume or a scene to files of lit surfaces: choices, drafts, bakes into the cache | the clock |
 //! | [`demo`] | the demonstration: a small brain, inside the program, baked and lit | the clock |
 //! | [`mod@compare`] | the store against paths and photons on the same surface, the budget of its errors, pictures of the difference | the clock |
@@ -121,8 +121,8 @@
 //! * The same bytes for any number of threads: each parallel item writes its own slot, sums run in a fixed order,
 //!   a random number is a pure function of (seed, texel, replicate, path, bounce). No platform mathematics in
 //!   solver code: the crate `libm`.
-//! * Errors are values ([`Error`]); a panic is a bug. The library never prints, exits or reads the clock (the server of the
-//!   page does, to give up connections that fall silent).
+//! * Errors are values ([`Error`]); a panic is a bug. The library never prints or exits, and reads the clock in two places: the
+//!   server of the page gives up connections that fall silent, and the cache notes when a store was used and how long it waits.
 //! * A texel can be replayed alone (`isolume bake --replay-texel x,y,z`, [`transport::replay`]).
 
 // Bad input is an `Err`: what only tests may do does not compile elsewhere at the gate, which makes warnings errors.
@@ -195,14 +195,20 @@ pub mod cli;
 #[cfg(feature = "python")]
 mod python;
 
-pub use bake::{Bake, Observer, Silent};
+pub use bake::{Bake, ForLight, Observer, Silent};
+pub use cache::for_light;
 pub use error::{Error, Result};
+pub use export::Image;
+pub use export::simplify::Lod;
 pub use geom::{Bounds, Up};
 /// The crate whose vectors and matrices are in the public interface, in the version that is.
 pub use glam;
 pub use probe::Probe;
 pub use relight::{Exposure, Material};
+pub use render::{Projection, View};
 pub use scene::Scene;
 pub use session::{LightOptions, LitOptions, MeshOptions, Session};
+pub use sh::Window;
 pub use transfer::store::{Store, StoreOptions};
+pub use transport::Progress;
 pub use volume::{Isovalue, Volume};

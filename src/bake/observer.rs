@@ -25,7 +25,7 @@ pub trait Observer: Sync {
         let _ = plan;
     }
 
-    /// Seconds since the bake was asked for; goals in time count from there. The library itself reads no clock: 0 makes a
+    /// Seconds since the bake was asked for; goals in time count from there. The bake itself reads no clock: 0 makes a
     /// goal in time pointless.
     fn seconds(&self) -> f64 {
         0.0

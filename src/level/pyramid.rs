@@ -105,11 +105,4 @@ impl Pyramid {
     pub fn block_ranges(&self) -> impl ExactSizeIterator<Item = (f32, f32)> + '_ {
         self.blocks.min.iter().copied().zip(self.blocks.max.iter().copied())
     }
-
-    /// Smallest and largest s·raw of the block that holds a cell.
-    pub fn block_range(&self, cell: [usize; 3]) -> (f32, f32) {
-        let level = &self.blocks;
-        let at = level.index(cell.map(|c| c >> BLOCK_SHIFT));
-        (level.min[at], level.max[at])
-    }
 }

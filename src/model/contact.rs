@@ -176,11 +176,6 @@ impl Contact {
         Some(fade * Self::bulge(distance.larger(S::of(0.0)), width, height, k))
     }
 
-    /// Whether a width is cut: where it is more than six heights over the slope of the other body.
-    pub fn is_cut(&self, slope: f64) -> bool {
-        self.height.iter().any(|h| self.width * slope > 6.0 * h)
-    }
-
     pub(super) fn bounds(&self, first: Interval, second: Interval) -> Interval {
         let zero = Interval::at(0.0);
         if first == zero && second == zero {

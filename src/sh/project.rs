@@ -59,11 +59,6 @@ pub fn sphere_rule(degree: usize) -> Vec<(DVec3, f64)> {
     rule
 }
 
-/// ∫ f dω over the sphere, exact for functions of degree ≤ `degree`.
-pub fn integrate_sphere(degree: usize, f: impl Fn(DVec3) -> f64) -> f64 {
-    sphere_rule(degree).into_iter().map(|(direction, weight)| weight * f(direction)).sum()
-}
-
 /// Projection of `f` on `bands` bands with a rule of degree `degree`: exact when f itself has
 /// degree ≤ `degree` − (`bands` − 1).
 ///
