@@ -129,3 +129,37 @@ fn lamps_are_split_off_where_they_ring_and_nowhere_else() {
         assert_eq!(lit("sun:30,40", SunSplit::Auto, window), lit("sun:30,40", SunSplit::Off, window));
     }
 }
+
+/// The extras of a file with transfer, as they stand under the light of a sun.
+fn extras_of_transfer(folder: &std::path::Path, session: &Session<'_>, split_sun: SunSplit) -> serde_json::Value {
+    let surface = session.surface(ISOVALUE).unwrap();
+    let probe = probe::by_name("sun:30,40").unwrap().unwrap();
+    let light = session.light(&probe, &LightOptions { split_sun, ..LightOptions::default() }).unwrap();
+    let lit = surface.lit(&light, &material(), &LitOptions::default()).unwrap();
+    let path = folder.join("transfer.glb");
+    lit.write_gltf(&path, &MeshOptions { transfer: true, ..MeshOptions::default() }).unwrap();
+    let bytes = std::fs::read(path).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let json: serde_json::Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+    json["meshes"][0]["extras"]["isolume_transfer"].clone()
+}
+
+#[test]
+fn a_file_with_transfer_has_all_of_the_light_and_textures_refuse_a_part_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let session = Session::open(&store).unwrap();
+    let [apart, whole] =
+        [SunSplit::Lobes(1), SunSplit::Off].map(|split| extras_of_transfer(folder.path(), &session, split));
+    assert_eq!((&apart["lamps_lit_apart"], &whole["lamps_lit_apart"]), (&1.into(), &0.into()));
+    let coefficients = &whole["light"]["coefficients_in_world"];
+    assert_eq!(coefficients.as_array().unwrap().len(), 9, "{coefficients}");
+    assert_eq!(&apart["light"]["coefficients_in_world"], coefficients);
+    let probe = probe::by_name("sun:30,40").unwrap().unwrap();
+    let light = session.light(&probe, &LightOptions::default()).unwrap();
+    let volume = store.volume().unwrap();
+    match RelitField::new(&store, &volume, &light, &material(), &[]).map(|_| ()) {
+        Err(Error::Argument { name, given, .. }) => assert!(name == "light" && given.starts_with("1 lamp"), "{given}"),
+        other => panic!("{other:?}"),
+    }
+}

@@ -50,3 +50,39 @@ impl LampShape {
         self.towards.iter().map(angle).fold(0.0, f64::max)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three bright pixels across the seam and a dim one: as many directions in each as it has of the light.
+    #[test]
+    fn directions_are_where_the_light_is() {
+        let (width, height) = (32, 16);
+        let strength = |x: usize, y: usize| match (x, y) {
+            (31, 4) | (0, 4) | (0, 5) => 3.0,
+            (1, 5) => 1.0,
+            _ => 0.0,
+        };
+        let image = LatLong::from_fn(width, height, |x, y| [strength(x, y); 3]);
+        let shape = LampShape::of(&image).unwrap();
+        let mut found = vec![0.0; width * height];
+        for i in 0..SIDE * SIDE {
+            let middle = |i: usize| (i as f32 + 0.5) / SIDE as f32;
+            let (x, y) = image.pixel_at(shape.direction([middle(i % SIDE), middle(i / SIDE)]).as_dvec3());
+            found[x + width * y] += 1.0 / (SIDE * SIDE) as f64;
+        }
+        let light = |i: usize| strength(i % width, i / width) * image.pixel_solid_angle(i / width);
+        let all: f64 = (0..width * height).map(light).sum();
+        for (i, share) in found.iter().enumerate() {
+            // One row or column of the table on either side.
+            assert!((share - light(i) / all).abs() < 2.0 / SIDE as f64, "{i}: {share} for {}", light(i) / all);
+        }
+        // Turned by a quarter about up and back: the same.
+        let turn = DMat3::from_rotation_y(1.0);
+        let back = shape.turned(turn).turned(turn.transpose());
+        let centre = image.direction_from_pixel(0.0, 5.0);
+        assert!((back.extent(centre) - shape.extent(centre)).abs() < 1e-6 && shape.extent(centre) < 0.5);
+        assert_eq!(LampShape::of(&LatLong::from_fn(4, 2, |_, _| [0.0; 3])), None);
+    }
+}
