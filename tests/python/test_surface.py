@@ -155,7 +155,8 @@ def test_files(surface, tmp_path):
     assert {"_RADIANCE", "_STDERR", "_T1_SH_DEGREE_0_COEF_0"} <= attributes.keys()
     assert (tmp_path / "a.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     surface.write(tmp_path / "c.glb", for_web=True, lod="50%")
-    assert (tmp_path / "c.glb").stat().st_size < (tmp_path / "a.glb").stat().st_size / 3
+    # Most of a file of 13 kB is its header.
+    assert (tmp_path / "c.glb").stat().st_size < (tmp_path / "a.glb").stat().st_size / 2
     surface.write(tmp_path / "c.usdz", lod=200, lightmap=128)
     assert (tmp_path / "c.usdz").read_bytes()[:2] == b"PK"
     with pytest.raises(isolume.Error, match="25%"):
