@@ -44,23 +44,35 @@ impl Drop for Frozen {
     fn drop(&mut self) {
         // At the end of the interpreter there is nobody left who could write.
         Python::try_attach(|py| {
-            let array = self.array.bind(py);
-            let was_writeable = {
-                let mut frozen = FROZEN.lock().unwrap_or_else(PoisonError::into_inner);
-                let frozen = frozen.get_or_insert_default();
-                let key = array.as_ptr() as usize;
-                let Some(entry) = frozen.get_mut(&key) else { return };
-                entry.0 -= 1;
-                if entry.0 > 0 {
-                    return;
-                }
-                frozen.remove(&key).is_some_and(|(_, was_writeable)| was_writeable)
-            };
-            if was_writeable {
-                // NumPy refuses where the owner of the memory has become read-only meanwhile: then it stays as it is.
-                let _ = array.getattr("flags").and_then(|flags| flags.setattr("writeable", true));
+            // A volume may end because an exception is on its way up, which what follows would lose.
+            let raised = PyErr::take(py);
+            self.thaw(py);
+            if let Some(raised) = raised {
+                raised.restore(py);
             }
         });
+    }
+}
+
+impl Frozen {
+    /// The array is as it was before the first who read it, if this is the last.
+    fn thaw(&self, py: Python<'_>) {
+        let array = self.array.bind(py);
+        let was_writeable = {
+            let mut frozen = FROZEN.lock().unwrap_or_else(PoisonError::into_inner);
+            let frozen = frozen.get_or_insert_default();
+            let key = array.as_ptr() as usize;
+            let Some(entry) = frozen.get_mut(&key) else { return };
+            entry.0 -= 1;
+            if entry.0 > 0 {
+                return;
+            }
+            frozen.remove(&key).is_some_and(|(_, was_writeable)| was_writeable)
+        };
+        if was_writeable {
+            // NumPy refuses where the owner of the memory has become read-only meanwhile: then it stays as it is.
+            let _ = array.getattr("flags").and_then(|flags| flags.setattr("writeable", true));
+        }
     }
 }
 

@@ -196,3 +196,10 @@ def test_what_makes_arrays_is_taken(phantom):
 
     assert isolume.open(Holder()).shape == phantom.shape
     assert isolume.open(np.matrix([[1.0, 2.0]]).A[None].repeat(2, 0).repeat(2, 1)).shape == (2, 2, 2)
+
+
+def test_the_end_of_a_volume_keeps_the_exception_that_ended_it():
+    array = np.random.default_rng(1).random((6, 6, 6), dtype=np.float32)
+    with pytest.raises(TypeError, match="nonsense"):
+        isolume.open(array).bake(nonsense=1)
+    assert array.flags.writeable
