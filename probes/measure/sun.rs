@@ -101,10 +101,10 @@ impl Scene {
             let (volume, pyramid, isovalue) = (&self.volume, &self.pyramid, self.isovalue);
             let order = TriangleOrder::new(&self.whole);
             let triangles = &TriangleIndex::new(&self.whole, &order);
-            let surface = Surroundings { volume, pyramid, isovalue, mesh: &self.whole, triangles };
+            let surface = Surroundings { volume, pyramid, isovalue, triangles };
             let of_suns = SunLit::new(surface, suns, material.albedo, true);
             let (positions, normals) = (&self.mesh.positions_in_grid, &self.mesh.normals);
-            lit.add(&of_suns.reflected(positions, normals, contracted.noise.mean_radiance).radiance);
+            lit.add(&of_suns.reflected(positions, normals, contracted.noise.mean_radiance)?.radiance)?;
         }
         Ok(lit.radiance.iter().map(|v| f64::from(v[1])).collect())
     }

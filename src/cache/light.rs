@@ -1,24 +1,28 @@
 //! The light that the errors of a bake are measured by.
 
 use crate::bake::ForLight;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::geom::Up;
 use crate::probe::{EnvFrame, Orientation, Probe};
 use crate::session::{LightOptions, Lighting};
-use crate::sh::Coefficients;
+use crate::sh::{Coefficients, MAX_BANDS};
 use crate::transfer::Layers;
 
 /// An environment that errors are measured by, on a surface of one albedo, as it stands around what has an axis up, turned by
 /// so many degrees.
 ///
 /// # Errors
-/// When the rotation is not finite.
+/// When the rotation is not finite, or the bands are not 1 to 11.
 pub fn for_light(
     probe: &Probe,
     (up, rotation, frame): (Up, f64, EnvFrame),
     bands: usize,
     albedo: f32,
 ) -> Result<ForLight> {
+    if !(1..=MAX_BANDS).contains(&bands) {
+        let remedy = "8 is what a bake has where nothing is asked for";
+        return Err(Error::argument("bands", bands, format!("1 to {MAX_BANDS}"), remedy));
+    }
     let light = probe.coefficients_in_world(bands, Orientation::new(up, rotation)?.in_frame(frame));
     // In the OpenEXR frame it has the bare name, as in stores from before there was another.
     let name_in_store = match frame {

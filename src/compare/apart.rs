@@ -12,7 +12,6 @@ use crate::relight::TriangleIndex;
 use crate::render::{SunLight, SunLit, Surroundings, sun_visibility};
 use crate::sampling::{DirectionSample, DirectionalSource};
 use crate::sh::Coefficients;
-use crate::surface::Mesh;
 
 /// Lamps apart from an environment.
 #[derive(Clone, Copy)]
@@ -25,9 +24,7 @@ pub struct Apart<'a> {
     pub source: &'a dyn DirectionalSource,
     /// Whether the transfer has reflections.
     pub reflects: bool,
-    /// The mesh of the surface.
-    pub mesh: &'a Mesh,
-    /// Its triangles.
+    /// The triangles of the mesh of the surface.
     pub triangles: &'a TriangleIndex<'a>,
 }
 
@@ -76,8 +73,8 @@ impl<'a> Apart<'a> {
         }
         if self.reflects {
             let LitSurface { volume, pyramid, isovalue, albedo, .. } = *surface;
-            let surroundings = Surroundings { volume, pyramid, isovalue, mesh: self.mesh, triangles: self.triangles };
-            let found = SunLit::new(surroundings, self.suns, albedo, true).reflected(&positions, &normals, rest);
+            let surroundings = Surroundings { volume, pyramid, isovalue, triangles: self.triangles };
+            let found = SunLit::new(surroundings, self.suns, albedo, true).reflected(&positions, &normals, rest)?;
             let each = radiance.iter_mut().zip(found.radiance);
             each.for_each(|(sum, more)| (0..3).for_each(|c| sum[c] += f64::from(more[c])));
         }

@@ -6,7 +6,6 @@ use crate::relight::TriangleIndex;
 use crate::render::SunLight;
 use crate::session::SUN_RAYS;
 use crate::sh::Coefficients;
-use crate::surface::Mesh;
 use crate::transfer::Layers;
 
 /// Lamps, and the light without them.
@@ -35,7 +34,7 @@ impl Lamps {
         Some(Self { rest, suns, source, reflects: layers.len() > 1 })
     }
 
-    pub(super) fn apart<'a>(&'a self, mesh: &'a Mesh, triangles: &'a TriangleIndex<'a>) -> Apart<'a> {
-        Apart { rest: &self.rest, suns: &self.suns, source: &self.source, reflects: self.reflects, mesh, triangles }
+    pub(super) fn apart<'a>(&'a self, triangles: &'a TriangleIndex<'a>) -> Apart<'a> {
+        Apart { rest: &self.rest, suns: &self.suns, source: &self.source, reflects: self.reflects, triangles }
     }
 }

@@ -143,7 +143,7 @@ impl Asked<'_> {
                 surface: lit,
                 textures: &textures,
                 baked_by: settings.as_ref(),
-                apart: lamps.as_ref().map(|lamps| lamps.apart(surface.mesh(), &triangles)),
+                apart: lamps.as_ref().map(|lamps| lamps.apart(&triangles)),
                 paths: self.paths,
                 texel_rays: self.texel_rays,
                 seed: self.seed,

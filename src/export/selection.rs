@@ -15,7 +15,7 @@ pub struct Selection {
 
 impl Selection {
     /// What triangles of a mesh of `count` vertices use of it: its vertices in their order, without those that none has.
-    pub fn of_triangles(triangles: &[[u32; 3]], count: usize) -> Self {
+    pub(crate) fn of_triangles(triangles: &[[u32; 3]], count: usize) -> Self {
         const UNUSED: u32 = u32::MAX;
         let mut place = vec![UNUSED; count];
         triangles.iter().flatten().for_each(|&v| place[v as usize] = 0);
@@ -25,17 +25,17 @@ impl Selection {
     }
 
     /// What the chosen vertices have of an attribute.
-    pub fn of<T: Copy>(&self, all: &[T]) -> Vec<T> {
+    pub(crate) fn of<T: Copy>(&self, all: &[T]) -> Vec<T> {
         self.vertices.iter().map(|&v| all[v as usize]).collect()
     }
 
     /// The same of attributes of a file.
-    pub fn of_scalars(&self, all: &[Scalars]) -> Vec<Scalars> {
+    pub(crate) fn of_scalars(&self, all: &[Scalars]) -> Vec<Scalars> {
         all.iter().map(|s| Scalars { name: s.name.clone(), values: self.of(&s.values) }).collect()
     }
 
     /// The attributes of the chosen vertices of a mesh.
-    pub fn attributes(&self, mesh: &ExportMesh<'_>) -> Attributes {
+    pub(crate) fn attributes(&self, mesh: &ExportMesh<'_>) -> Attributes {
         let centre = mesh.centre_in_world();
         Attributes {
             positions: self.vertices.iter().map(|&v| mesh.positions.from_centre(v as usize, centre)).collect(),
@@ -68,7 +68,7 @@ pub struct Attributes {
 
 impl Attributes {
     /// The mesh as the writers take it; name, box, axis and unit are those of the mesh that it comes from.
-    pub fn mesh<'a>(&'a self, of: &ExportMesh<'a>) -> ExportMesh<'a> {
+    pub(crate) fn mesh<'a>(&'a self, of: &ExportMesh<'a>) -> ExportMesh<'a> {
         let grey = self.grey_error.as_deref().map(StandardError::Grey);
         ExportMesh {
             positions: Positions::FromCentre(&self.positions),

@@ -2,6 +2,8 @@
 
 use super::contract::{UNBAKED, has_radiance};
 use super::{Contracted, Light, Material};
+use crate::error::Result;
+use crate::relight::check_count;
 use crate::transfer::Lattice;
 use rayon::prelude::*;
 
@@ -33,13 +35,14 @@ impl VertexRadiance {
 
     /// Adds radiance, one entry a position.
     ///
-    /// # Panics
+    /// # Errors
     /// When there are not as many entries as positions.
-    pub fn add(&mut self, more: &[[f32; 3]]) {
-        assert_eq!(more.len(), self.radiance.len());
+    pub fn add(&mut self, more: &[[f32; 3]]) -> Result<()> {
+        check_count("radiance", more.len(), self.radiance.len())?;
         for (radiance, more) in self.radiance.iter_mut().zip(more) {
             (0..3).for_each(|c| radiance[c] += more[c]);
         }
+        Ok(())
     }
 }
 

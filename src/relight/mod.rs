@@ -41,6 +41,15 @@ pub use window::{LayerWindow, Prepared, prepare};
 use crate::error::{Error, Result};
 use crate::transfer::MAX_LAYERS;
 
+/// Refuses a list that is not one entry a position.
+pub(crate) fn check_count(what: &str, found: usize, positions: usize) -> Result<()> {
+    if found == positions {
+        return Ok(());
+    }
+    let expected = format!("{positions}: one a position");
+    Err(Error::argument(what, found, expected, "give both lists of the same mesh"))
+}
+
 /// What one level set is made of, per colour channel (linear).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {

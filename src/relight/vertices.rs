@@ -73,6 +73,11 @@ impl<'a> TriangleIndex<'a> {
         Self { mesh, sorted }
     }
 
+    /// The mesh.
+    pub fn mesh(&self) -> &'a Mesh {
+        self.mesh
+    }
+
     /// The triangle nearest to a point of the surface, and the point's barycentric coordinates there, each in [0, 1]: of those
     /// in its cell, else of those in the cells around; `None` where these have none.
     pub fn nearest(&self, position_in_grid: [f32; 3]) -> Option<([u32; 3], [f32; 3])> {

@@ -12,11 +12,11 @@
 //! control variate with every fourth ray asking (three times the variance there).
 
 use super::sun::{Disk, SunLight, SunVisibility, sun_visibility};
+use crate::error::Result;
 use crate::geom::{Frame, Normal};
 use crate::level::{CellPoint, Counts, LevelField, Outcome, Pyramid, Start};
-use crate::relight::TriangleIndex;
+use crate::relight::{TriangleIndex, check_count};
 use crate::sampling::{PathSampler, warp};
-use crate::surface::Mesh;
 use crate::volume::{Sample, Volume, with_samples};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -35,7 +35,7 @@ pub struct Reflected {
     pub rays: u64,
 }
 
-/// An isosurface as a mesh.
+/// An isosurface as a mesh, which has normals.
 #[derive(Clone, Copy)]
 pub struct Surroundings<'a> {
     /// The volume.
@@ -44,9 +44,7 @@ pub struct Surroundings<'a> {
     pub pyramid: &'a Pyramid,
     /// In the file's values.
     pub isovalue: f64,
-    /// Its mesh, with normals.
-    pub mesh: &'a Mesh,
-    /// The triangles of the mesh.
+    /// The triangles of its mesh.
     pub triangles: &'a TriangleIndex<'a>,
 }
 
@@ -144,7 +142,8 @@ impl<'a> SunLit<'a> {
     /// Direct light at the vertices, and where the surface reflects to itself, the solution of the first step.
     /// A grid without cells reflects nothing.
     pub fn new(surface: Surroundings<'a>, lamps: &[SunLight], albedo: [f32; 3], reflects: bool) -> Self {
-        let Surroundings { volume, pyramid, isovalue, mesh, .. } = surface;
+        let Surroundings { volume, pyramid, isovalue, triangles } = surface;
+        let mesh = triangles.mesh();
         let count = mesh.positions_in_grid.len().min(mesh.normals.len());
         let (positions, normals) = (&mesh.positions_in_grid[..count], &mesh.normals[..count]);
         let seen: Vec<SunVisibility> =
@@ -171,7 +170,7 @@ impl<'a> SunLit<'a> {
     /// R = G D + G R at the vertices, G of few rays each.
     fn solve(&mut self, count: usize, half: u32) -> Vec<[f32; 3]> {
         let each = first_rays(count);
-        let mesh = self.surface.mesh;
+        let mesh = self.surface.triangles.mesh();
         let scale: [f32; 3] = std::array::from_fn(|c| self.albedo[c] / each as f32);
         let mut all: Vec<(Vec<Met>, [f32; 3])> = vec![Default::default(); count];
         let parts: Vec<u64> = with_samples!(self.surface.volume.samples(), s => {
@@ -327,13 +326,19 @@ impl<'a> SunLit<'a> {
     ///
     /// The numbers are a function of the places and their order: the same for any number of threads.
     ///
-    /// # Panics
+    /// # Errors
     /// When there are not as many normals as positions.
-    pub fn reflected(&self, positions_in_grid: &[[f32; 3]], normals_in_world: &[[f32; 3]], rest: f64) -> Reflected {
+    pub fn reflected(
+        &self,
+        positions_in_grid: &[[f32; 3]],
+        normals_in_world: &[[f32; 3]],
+        rest: f64,
+    ) -> Result<Reflected> {
         let count = positions_in_grid.len();
-        assert_eq!(count, normals_in_world.len());
+        check_count("normals", normals_in_world.len(), count)?;
         if self.by_reflection[0].is_empty() || count == 0 {
-            return Reflected { radiance: vec![[0.0; 3]; count], variance: vec![0.0; count], ..Reflected::default() };
+            let (radiance, variance) = (vec![[0.0; 3]; count], vec![0.0; count]);
+            return Ok(Reflected { radiance, variance, ..Reflected::default() });
         }
         let all: Vec<usize> = (0..count).collect();
         let some: Vec<usize> = (0..count).step_by(count.div_ceil(TRIAL)).collect();
@@ -352,7 +357,7 @@ impl<'a> SunLit<'a> {
             rays *= 2;
         }
         let (found, _) = self.gather(&all, positions_in_grid, normals_in_world, rays);
-        Reflected { rays: found.rays + tried, ..found }
+        Ok(Reflected { rays: found.rays + tried, ..found })
     }
 }
 

@@ -82,7 +82,7 @@ impl<'t> LitTexels<'t> {
                     lit.add_sun(&seen.lit, sun.flux, material);
                     add_noise(&mut errors[first..], &seen.variance, material.sun_factor(sun.flux));
                 }
-                lit.add(&suns.reflected.radiance);
+                lit.add(&suns.reflected.radiance)?;
                 add_noise(&mut errors[first..], &suns.reflected.variance, [1.0; 3]);
                 sun_rays += suns.rays;
             }

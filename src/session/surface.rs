@@ -147,19 +147,19 @@ impl<'s> Surface<'s> {
         let parts = self.parts.iter().zip(self.session.members()).zip(&members);
         let suns = parts.map(|((part, member), contracted)| {
             if lighting.suns.is_empty() {
-                return None;
+                return Ok(None);
             }
             let layers = &part.isosurface.transfer().unwrap_or(member.store()).layout().layers;
             let reflects = layers.len() > 1 && !member.store().identity().estimator.ignores_shadows();
             let (mesh, triangles) = (part.isosurface.mesh(), &part.all_triangles());
             let (volume, pyramid, isovalue) = (member.volume(), member.pyramid(), part.isosurface.isovalue());
-            let surface = Surroundings { volume, pyramid, isovalue, mesh, triangles };
+            let surface = Surroundings { volume, pyramid, isovalue, triangles };
             let lit = SunLit::new(surface, &lighting.suns, material.albedo, reflects);
-            let reflected = lit.reflected(&mesh.positions_in_grid, &mesh.normals, contracted.noise.mean_radiance);
+            let reflected = lit.reflected(&mesh.positions_in_grid, &mesh.normals, contracted.noise.mean_radiance)?;
             let rays = lit.rays() + reflected.rays;
-            Some(OfSuns { seen: lit.seen, reflected, rays })
+            Ok(Some(OfSuns { seen: lit.seen, reflected, rays }))
         });
-        let suns = suns.collect();
+        let suns = suns.collect::<Result<_>>()?;
         Ok(LitTexels { surface: self, lighting, material, suns, luminaires: luminaires.to_vec(), members, clamped })
     }
 

@@ -39,8 +39,8 @@ impl Subject {
     fn reflected(&self, (positions, normals): (&[[f32; 3]], &[[f32; 3]]), suns: &[SunLight], albedo: f32) -> Reflected {
         let (volume, pyramid, isovalue, mesh) = (&self.volume, &self.pyramid, self.isovalue, &self.mesh);
         let order = TriangleOrder::new(mesh);
-        let surface = Surroundings { volume, pyramid, isovalue, mesh, triangles: &TriangleIndex::new(mesh, &order) };
-        SunLit::new(surface, suns, [albedo; 3], true).reflected(positions, normals, 0.0)
+        let surface = Surroundings { volume, pyramid, isovalue, triangles: &TriangleIndex::new(mesh, &order) };
+        SunLit::new(surface, suns, [albedo; 3], true).reflected(positions, normals, 0.0).unwrap()
     }
 }
 
