@@ -45,6 +45,13 @@ pub struct PictureOptions {
     pub wall_paths: u32,
 }
 
+impl PictureOptions {
+    /// Most pixels of a side.
+    pub const MOST_SIDE: usize = 16_384;
+    /// Most rays along each side of a pixel.
+    pub const MOST_SUPERSAMPLING: usize = 16;
+}
+
 impl Default for PictureOptions {
     /// A raised three-quarter view in parallel projection, 960 × 720, before dark grey.
     fn default() -> Self {
@@ -144,7 +151,7 @@ impl LitTexels<'_> {
     ///
     /// # Errors
     /// [`Error::Unbaked`] when the store does not have the texels of the surface; [`Error::Argument`] for a picture
-    /// without pixels and a scale bar in perspective.
+    /// without pixels or of more than [`PictureOptions`] says, a view that is none, and a scale bar in perspective.
     pub fn picture(&self, exposure: f32, options: &PictureOptions) -> Result<Still> {
         Stage { texels: self, exposure, options }.still()
     }
@@ -163,6 +170,25 @@ impl<'a> Stage<'a> {
         if options.width == 0 || options.height == 0 {
             let given = format!("{} × {} pixels", options.width, options.height);
             return Err(Error::argument("picture", given, "at least one pixel each way", "give a larger size"));
+        }
+        let (sides, rays) = (PictureOptions::MOST_SIDE, PictureOptions::MOST_SUPERSAMPLING);
+        if options.width.max(options.height) > sides {
+            let given = format!("{} × {} pixels", options.width, options.height);
+            return Err(Error::argument("picture", given, format!("at most {sides} each way"), "give a smaller size"));
+        }
+        if options.supersampling > rays {
+            let given = options.supersampling;
+            return Err(Error::argument("supersampling", given, format!("at most {rays}"), "2 is usual, 4 is smooth"));
+        }
+        let View { azimuth, elevation } = options.view;
+        if !(azimuth.is_finite() && elevation.is_finite()) {
+            let given = format!("{azimuth}, {elevation}");
+            return Err(Error::argument("view", given, "finite degrees", "give azimuth and elevation"));
+        }
+        if let Projection::Perspective(degrees) = options.projection
+            && !(degrees > 0.0 && degrees < 180.0)
+        {
+            return Err(Error::argument("perspective", degrees, "degrees above 0 and below 180", "40 is usual"));
         }
         if options.scale_bar && matches!(options.projection, Projection::Perspective(_)) {
             let remedy = "lengths have no one scale in perspective: leave out the bar";

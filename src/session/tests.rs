@@ -4,6 +4,7 @@ use super::*;
 use crate::bake::{self, Request, Silent};
 use crate::probe::{self, LatLong, SunSplit};
 use crate::relight::{Exposure, Material};
+use crate::render::View;
 use crate::scene::Effects;
 use crate::sh::Window;
 use crate::transfer::{Lattice, Layers, Layout};
@@ -99,6 +100,19 @@ fn unknown_luminaires_members_and_negative_light_that_is_to_be_certified_are_ref
     refused(lit.picture(&picture).map(|_| ()), "scale bar");
     let empty = PictureOptions { width: 0, ..PictureOptions::default() };
     refused(lit.picture(&empty).map(|_| ()), "picture");
+    for (width, supersampling, name) in
+        [(usize::MAX, 1, "picture"), (1 << 20, 1, "picture"), (4, 1 << 40, "supersampling")]
+    {
+        let large = PictureOptions { width, supersampling, height: 4, ..PictureOptions::default() };
+        refused(lit.picture(&large).map(|_| ()), name);
+    }
+    let small = PictureOptions { width: 4, height: 4, ..PictureOptions::default() };
+    for degrees in [f64::NAN, f64::INFINITY, 0.0, -30.0, 180.0] {
+        let projection = crate::render::Projection::Perspective(degrees);
+        refused(lit.picture(&PictureOptions { projection, ..small.clone() }).map(|_| ()), "perspective");
+    }
+    let view = View { azimuth: f64::NAN, elevation: 0.0 };
+    refused(lit.picture(&PictureOptions { view, ..small }).map(|_| ()), "view");
     probe.image = LatLong::new(2, 1, vec![[1.0; 3], [1.0, -0.5, 1.0]]).unwrap();
     let certified = LightOptions { window: Window::Certified, ..LightOptions::default() };
     refused(session.light(&probe, &certified).map(|_| ()), "window");

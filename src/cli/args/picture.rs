@@ -82,11 +82,13 @@ fn parse_field_of_view(text: &str) -> Result<f64, String> {
     }
 }
 
+const MOST_SIDE: usize = PictureOptions::MOST_SIDE;
+
 fn parse_size(text: &str) -> Result<(usize, usize), String> {
     let sides = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
     match sides {
-        Some((w, h)) if (1..=16384).contains(&w) && (1..=16384).contains(&h) => Ok((w, h)),
-        _ => Err("give a size such as 960x720, sides from 1 to 16384".into()),
+        Some((w, h)) if (1..=MOST_SIDE).contains(&w) && (1..=MOST_SIDE).contains(&h) => Ok((w, h)),
+        _ => Err(format!("give a size such as 960x720, sides from 1 to {MOST_SIDE}")),
     }
 }
 
