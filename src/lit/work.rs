@@ -110,9 +110,7 @@ impl<'a> Work<'a> {
         for isovalues in isovalues {
             let surface = self.surface(session, isovalues, &mut surfaces)?;
             for (probe, targets) in self.job.probes.iter().zip(files.by_ref()) {
-                for target in targets {
-                    written.push(session.write_file(&surface, probe, target, &options, self.seconds)?);
-                }
+                written.extend(session.write_files(&surface, probe, targets, &options, self.seconds)?);
             }
         }
         let views = self.job.describe_pictures(session.up());

@@ -1,5 +1,6 @@
 //! From linear radiance to display-referred linear colour in [0, 1].
 
+use crate::error::{Error, Result};
 use crate::probe::latlong::LUMINANCE;
 
 /// How radiance is scaled before it is clamped to [0, 1].
@@ -12,6 +13,22 @@ pub enum Exposure {
 }
 
 impl Exposure {
+    /// Refuses stops that are no number.
+    ///
+    /// # Errors
+    /// When they are not finite.
+    pub fn check(&self) -> Result<()> {
+        match *self {
+            Self::Stops(ev) if !ev.is_finite() => Err(Error::argument(
+                "exposure",
+                ev,
+                "a finite number of stops",
+                "leave it out for the brightest 1 % white",
+            )),
+            _ => Ok(()),
+        }
+    }
+
     /// The factor for a set of radiances; 1 when there is none or all are black.
     pub fn factor(&self, radiance: &[[f32; 3]]) -> f32 {
         match *self {

@@ -151,19 +151,20 @@ pub struct WrittenFile {
 }
 
 impl Session<'_> {
-    /// Lights a surface by an environment and writes it; `seconds` is the clock.
+    /// Lights a surface by an environment, once, and writes it into files; `seconds` is the clock. What lighting took stands with the
+    /// first.
     ///
     /// # Errors
     /// As [`Session::light`], [`Surface::contract`], [`LitTexels::look_up`] and the writers.
     #[doc(hidden)]
-    pub fn write_file(
+    pub fn write_files(
         &self,
         surface: &Surface<'_>,
         probe: &Probe,
-        target: Target,
+        targets: Vec<Target>,
         options: &FileOptions<'_>,
         seconds: &dyn Fn() -> f64,
-    ) -> Result<WrittenFile> {
+    ) -> Result<Vec<WrittenFile>> {
         let isovalue = surface.parts()[0].isosurface().isovalue();
         let lighting = self.light(probe, &options.light)?;
         let mut material = Material::new(options.albedo.albedo(isovalue), options.emission.at(isovalue))?;
@@ -179,31 +180,35 @@ impl Session<'_> {
         times.look_up = seconds() - start;
         let lit = lit.with_total_error()?;
         let told = |note: &&LightNote| options.tells_no_sun || !matches!(note, LightNote::NoSun(_));
-        let mut written = WrittenFile {
+        let node_error = surface.node_error(&lighting, options.luminaires)?;
+        let of_file = |(i, target): (usize, Target)| WrittenFile {
             isovalue,
             env: probe.name.clone(),
-            times,
+            times: if i == 0 { times } else { FileTimes::default() },
             report: *lit.report(),
             error: lit.relative_error(),
             rms_over_mean: lit.rms_over_mean(),
-            node_error: surface.node_error(&lighting, options.luminaires)?,
+            node_error,
             total: lit.total_error(),
             at_vertices: surface.parts()[0].isosurface().transfer().is_some(),
             exposure_ev: lit.exposure_in_stops(),
             negative: lit.negative_vertices(),
             remainder: lit.emission_remainder(),
             camera: Counts::default(),
-            sun_rays: lit.sun_rays(),
+            sun_rays: if i == 0 { lit.sun_rays() } else { 0 },
             notes: lit.notes().iter().filter(told).map(|note| note.sentence(&probe.name)).collect(),
             bytes: 0,
             content: Content::Pictures,
             target,
         };
-        match written.target.format {
-            Format::Png => self.write_pictures(surface, &lit, probe, &mut written, options, seconds)?,
-            _ => write_mesh(&lit, &mut written, options, seconds)?,
+        let mut files: Vec<WrittenFile> = targets.into_iter().enumerate().map(of_file).collect();
+        for written in &mut files {
+            match written.target.format {
+                Format::Png => self.write_pictures(surface, &lit, probe, written, options, seconds)?,
+                _ => write_mesh(&lit, written, options, seconds)?,
+            }
         }
-        Ok(written)
+        Ok(files)
     }
 
     fn write_pictures(

@@ -59,8 +59,9 @@ impl<'t> LitTexels<'t> {
     /// Looks the vertices up and exposes them; suns that were split off are added.
     ///
     /// # Errors
-    /// [`Error::Unbaked`] when the store does not have the texels of the surface.
+    /// [`Error::Unbaked`] when the store does not have the texels of the surface; an exposure that is no number.
     pub fn look_up(self, exposure: Exposure) -> Result<Lit<'t>> {
+        exposure.check()?;
         let (surface, lighting, material) = (self.surface, self.lighting, &self.material);
         let (mut radiance, mut errors) = (Vec::new(), Vec::new());
         let (mut report, mut sun_rays) = (LookupReport::default(), 0);

@@ -98,6 +98,10 @@ fn unknown_luminaires_members_and_negative_light_that_is_to_be_certified_are_ref
     };
     let lit = surface.lit(&light, &material(), &LitOptions::default()).unwrap();
     refused(lit.picture(&picture).map(|_| ()), "scale bar");
+    for stops in [f64::NAN, f64::INFINITY] {
+        let options = LitOptions { exposure: Exposure::Stops(stops), ..LitOptions::default() };
+        refused(surface.lit(&light, &material(), &options).map(|_| ()), "exposure");
+    }
     let empty = PictureOptions { width: 0, ..PictureOptions::default() };
     refused(lit.picture(&empty).map(|_| ()), "picture");
     for (width, supersampling, name) in
