@@ -102,7 +102,7 @@ impl Scene {
             let order = TriangleOrder::new(&self.whole);
             let triangles = &TriangleIndex::new(&self.whole, &order);
             let surface = Surroundings { volume, pyramid, isovalue, triangles };
-            let of_suns = SunLit::new(surface, suns, material.albedo, true);
+            let of_suns = SunLit::new(surface, suns, &material, true);
             let (positions, normals) = (&self.mesh.positions_in_grid, &self.mesh.normals);
             lit.add(&of_suns.reflected(positions, normals, contracted.noise.mean_radiance)?.radiance)?;
         }

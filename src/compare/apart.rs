@@ -56,28 +56,38 @@ impl<'a> Apart<'a> {
         BandsAndSuns { bands: BandLimited(self.rest), suns: self.source }
     }
 
-    /// Adds radiance of the lamps at the points of a surface, as relight finds it; what is there is that of the rest.
+    /// Radiance of the lamps at the points of a surface, as relight finds it; `rest`: the mean radiance of what is not theirs.
     ///
     /// # Errors
     /// An albedo that is none.
-    pub(super) fn add_to(&self, radiance: &mut [[f64; 3]], surface: &LitSurface<'_>) -> Result<()> {
+    pub(super) fn radiance(&self, surface: &LitSurface<'_>, rest: f64) -> Result<Vec<[f64; 3]>> {
+        let LitSurface { volume, pyramid, isovalue, .. } = *surface;
         let material = Material::new(surface.albedo, [0.0; 3])?;
         let positions: Vec<[f32; 3]> = surface.points.iter().map(|p| p.position_in_grid).collect();
         let normals: Vec<[f32; 3]> = surface.points.iter().map(|p| p.normal).collect();
-        let rest = radiance.iter().flatten().sum::<f64>() / (3 * radiance.len().max(1)) as f64;
+        let mut radiance = vec![[0.0; 3]; positions.len()];
         for sun in self.suns {
-            let seen = sun_visibility(surface.volume, surface.pyramid, surface.isovalue, &positions, &normals, sun);
+            let seen = sun_visibility(volume, pyramid, isovalue, &positions, &normals, sun);
             let factor = material.sun_factor(sun.flux).map(f64::from);
             let each = radiance.iter_mut().zip(seen.lit);
             each.for_each(|(sum, lit)| (0..3).for_each(|c| sum[c] += factor[c] * f64::from(lit)));
         }
         if self.reflects {
-            let LitSurface { volume, pyramid, isovalue, albedo, .. } = *surface;
             let surroundings = Surroundings { volume, pyramid, isovalue, triangles: self.triangles };
-            let found = SunLit::new(surroundings, self.suns, albedo, true).reflected(&positions, &normals, rest)?;
-            let each = radiance.iter_mut().zip(found.radiance);
-            each.for_each(|(sum, more)| (0..3).for_each(|c| sum[c] += f64::from(more[c])));
+            let found = SunLit::new(surroundings, self.suns, &material, true).reflected(&positions, &normals, rest)?;
+            let found: Vec<[f64; 3]> = found.radiance.iter().map(|v| v.map(f64::from)).collect();
+            add(&mut radiance, &found);
         }
-        Ok(())
+        Ok(radiance)
     }
+}
+
+/// Adds at each point.
+pub(super) fn add(radiance: &mut [[f64; 3]], more: &[[f64; 3]]) {
+    radiance.iter_mut().zip(more).for_each(|(sum, more)| (0..3).for_each(|c| sum[c] += more[c]));
+}
+
+/// Of points and channels.
+pub(super) fn mean(radiance: &[[f64; 3]]) -> f64 {
+    radiance.iter().flatten().sum::<f64>() / (3 * radiance.len().max(1)) as f64
 }

@@ -44,6 +44,7 @@ use crate::sampling::{DirectionSample, DirectionalSource};
 use crate::sh::{self, Coefficients};
 use crate::transfer::BrickSource;
 use crate::transport::{Radiance, Settings};
+use apart::{add, mean};
 use serde::Serialize;
 
 /// What is compared.
@@ -174,13 +175,13 @@ pub fn compare(question: &Question<'_>) -> Result<Comparison> {
     let [mut fine, mut again] = slow::interpolated(q, &stored)?;
     if let Some(apart) = &q.apart {
         // Of relight the noise of rays and paths is in the row of noise.
-        let suns = mean_of(2);
-        fine.iter_mut().zip(&suns).for_each(|(sum, sun)| (0..3).for_each(|c| sum[c] += sun[c]));
-        apart.add_to(&mut again, surface)?;
-        apart.add_to(&mut stored, surface)?;
+        add(&mut fine, &mean_of(2));
+        let as_relight = apart.radiance(surface, mean(&stored))?;
+        add(&mut again, &as_relight);
+        add(&mut stored, &as_relight);
     }
     let links = [&whole, &cut, &fine, &again, &stored];
-    let mean = whole.iter().flatten().sum::<f64>() / (3 * whole.len()) as f64;
+    let mean = mean(&whole);
     let noise = |references: &[Radiance]| {
         references.iter().flat_map(|r| r.stderr).map(|e| e * e).sum::<f64>() / (3 * references.len()) as f64
     };
@@ -203,7 +204,8 @@ pub fn compare(question: &Question<'_>) -> Result<Comparison> {
 pub fn by_store(q: &Question<'_>) -> Result<(Vec<[f64; 3]>, LookupReport)> {
     let (mut stored, lookups) = in_bands(q)?;
     if let Some(apart) = &q.apart {
-        apart.add_to(&mut stored, &q.surface)?;
+        let suns = apart.radiance(&q.surface, mean(&stored))?;
+        add(&mut stored, &suns);
     }
     Ok((stored, lookups))
 }

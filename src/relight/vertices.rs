@@ -88,6 +88,17 @@ impl<'a> TriangleIndex<'a> {
         self.nearest_of(position, std::iter::once(cell)).or_else(|| self.nearest_of(position, around))
     }
 
+    /// The barycentric mean of values of the vertices in the nearest triangle; `None` where there is none, or a vertex has no value.
+    pub fn between(&self, position_in_grid: [f32; 3], values: &[[f32; 3]]) -> Option<[f32; 3]> {
+        let (triangle, weights) = self.nearest(position_in_grid)?;
+        let mut sum = [0.0; 3];
+        for (&v, w) in triangle.iter().zip(weights) {
+            let value = values.get(v as usize)?;
+            (0..3).for_each(|c| sum[c] += w * value[c]);
+        }
+        Some(sum)
+    }
+
     fn nearest_of(&self, position: Vec3, cells: impl Iterator<Item = [i32; 3]>) -> Option<([u32; 3], [f32; 3])> {
         let mut best: Option<(f32, [u32; 3], [f32; 3])> = None;
         for (first, count) in cells.filter_map(|cell| self.sorted.cells.get(&cell)) {

@@ -233,12 +233,8 @@ impl<T: Sample> Scene<'_, T> {
                     Some(index) => contracted.between_vertices(index, position, normal, light, material, report),
                     None => contracted.radiance_at(position, normal, light, material, report),
                 };
-                if let Some((triangle, weights)) = reflected.and_then(|(index, _)| index.nearest(position)) {
-                    let of_vertices = reflected.map_or(&[][..], |(_, radiance)| radiance);
-                    for (&v, w) in triangle.iter().zip(weights) {
-                        let more = of_vertices.get(v as usize).copied().unwrap_or_default();
-                        rgb = std::array::from_fn(|c| rgb[c] + w * more[c]);
-                    }
+                if let Some(more) = reflected.and_then(|(index, values)| index.between(position, values)) {
+                    rgb = std::array::from_fn(|c| rgb[c] + more[c]);
                 }
                 for (disk, factor) in self.suns {
                     let (lit, _) = disk.lit_cosine(&self.field, self.isovalue, hit.at, normal.into(), item, counts);

@@ -15,7 +15,7 @@ use super::sun::{Disk, SunLight, SunVisibility, sun_visibility};
 use crate::error::Result;
 use crate::geom::{Frame, Normal};
 use crate::level::{CellPoint, Counts, LevelField, Outcome, Pyramid, Start};
-use crate::relight::{TriangleIndex, check_count};
+use crate::relight::{Material, TriangleIndex, check_count};
 use crate::sampling::{PathSampler, warp};
 use crate::volume::{Sample, Volume, with_samples};
 use glam::Vec3;
@@ -108,9 +108,8 @@ struct Lamp {
 }
 
 impl Lamp {
-    fn new(sun: &SunLight, albedo: [f32; 3]) -> Self {
-        let factor = |c: usize| (f64::from(albedo[c]) / std::f64::consts::PI * sun.flux[c]) as f32;
-        let factor = [factor(0), factor(1), factor(2)];
+    fn new(sun: &SunLight, material: &Material) -> Self {
+        let factor = material.sun_factor(sun.flux);
         Self { disk: Disk::new(sun), factor, strength: factor.iter().sum::<f32>().max(0.0) }
     }
 
@@ -141,14 +140,15 @@ impl Met {
 impl<'a> SunLit<'a> {
     /// Direct light at the vertices, and where the surface reflects to itself, the solution of the first step.
     /// A grid without cells reflects nothing.
-    pub fn new(surface: Surroundings<'a>, lamps: &[SunLight], albedo: [f32; 3], reflects: bool) -> Self {
+    pub fn new(surface: Surroundings<'a>, lamps: &[SunLight], material: &Material, reflects: bool) -> Self {
+        let albedo = material.albedo;
         let Surroundings { volume, pyramid, isovalue, triangles } = surface;
         let mesh = triangles.mesh();
         let count = mesh.positions_in_grid.len().min(mesh.normals.len());
         let (positions, normals) = (&mesh.positions_in_grid[..count], &mesh.normals[..count]);
         let seen: Vec<SunVisibility> =
             lamps.iter().map(|sun| sun_visibility(volume, pyramid, isovalue, positions, normals, sun)).collect();
-        let suns: Vec<Lamp> = lamps.iter().map(|sun| Lamp::new(sun, albedo)).collect();
+        let suns: Vec<Lamp> = lamps.iter().map(|sun| Lamp::new(sun, material)).collect();
         let of_sun = |(sun, seen): (&Lamp, &SunVisibility)| {
             f64::from(sun.strength) / 3.0 * seen.lit.iter().map(|&v| f64::from(v)).sum::<f64>() / count.max(1) as f64
         };

@@ -154,7 +154,7 @@ impl<'s> Surface<'s> {
             let (mesh, triangles) = (part.isosurface.mesh(), &part.all_triangles());
             let (volume, pyramid, isovalue) = (member.volume(), member.pyramid(), part.isosurface.isovalue());
             let surface = Surroundings { volume, pyramid, isovalue, triangles };
-            let lit = SunLit::new(surface, &lighting.suns, material.albedo, reflects);
+            let lit = SunLit::new(surface, &lighting.suns, &material, reflects);
             let reflected = lit.reflected(&mesh.positions_in_grid, &mesh.normals, contracted.noise.mean_radiance)?;
             let rays = lit.rays() + reflected.rays;
             Ok(Some(OfSuns { seen: lit.seen, reflected, rays }))

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use isolume::geom::{Direction, Frame, Normal};
 use isolume::level::{LevelField, Pyramid};
-use isolume::relight::{TriangleIndex, TriangleOrder};
+use isolume::relight::{Material, TriangleIndex, TriangleOrder};
 use isolume::render::{Reflected, SunLight, SunLit, Surroundings, sun_visibility};
 use isolume::sampling::{DirectionSample, DirectionalSource, warp};
 use isolume::surface::{Mesh, extract_with_normals};
@@ -40,7 +40,9 @@ impl Subject {
         let (volume, pyramid, isovalue, mesh) = (&self.volume, &self.pyramid, self.isovalue, &self.mesh);
         let order = TriangleOrder::new(mesh);
         let surface = Surroundings { volume, pyramid, isovalue, triangles: &TriangleIndex::new(mesh, &order) };
-        SunLit::new(surface, suns, [albedo; 3], true).reflected(positions, normals, 0.0).unwrap()
+        SunLit::new(surface, suns, &Material::new([albedo; 3], [0.0; 3]).unwrap(), true)
+            .reflected(positions, normals, 0.0)
+            .unwrap()
     }
 }
 
