@@ -51,17 +51,27 @@ impl TestMesh {
     }
 
     pub(super) fn mesh(&self) -> ExportMesh<'_> {
-        ExportMesh {
-            name: "test",
-            positions: Positions::World(&self.positions),
-            normals_in_world: &self.normals,
-            triangles: &self.triangles,
-            colours: &self.colours,
-            radiance: None,
-            standard_error: None,
-            box_in_world: self.positions.iter().fold(Bounds::EMPTY, |b, &p| b.including(p)),
-            up: Up::Z,
-            metres_per_unit: None,
-        }
+        mesh_of(&self.positions, &self.normals, &self.triangles, &self.colours)
+    }
+}
+
+/// A mesh to export in the box around it, without a unit.
+pub(super) fn mesh_of<'a>(
+    positions: &'a [DVec3],
+    normals_in_world: &'a [Vec3],
+    triangles: &'a [[u32; 3]],
+    colours: &'a [[f32; 3]],
+) -> ExportMesh<'a> {
+    ExportMesh {
+        name: "test",
+        positions: Positions::World(positions),
+        normals_in_world,
+        triangles,
+        colours,
+        radiance: None,
+        standard_error: None,
+        box_in_world: positions.iter().fold(Bounds::EMPTY, |b, &p| b.including(p)),
+        up: Up::Z,
+        metres_per_unit: None,
     }
 }

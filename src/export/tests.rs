@@ -1,6 +1,7 @@
 //! Checks of meshes, and PLY against a reader written from the format's definition. GLB is read
 //! back by `tests/readers/gltf_validator.rs`.
 
+use super::test_mesh::mesh_of;
 use super::*;
 use std::io;
 
@@ -28,18 +29,8 @@ impl Tetrahedron {
     }
 
     fn mesh(&self) -> ExportMesh<'_> {
-        ExportMesh {
-            name: "tetrahedron",
-            positions: Positions::World(&self.positions),
-            normals_in_world: &self.normals,
-            triangles: &self.triangles,
-            colours: &self.colours,
-            radiance: None,
-            standard_error: None,
-            box_in_world: self.positions.iter().fold(Bounds::EMPTY, |b, &p| b.including(p)),
-            up: Up::Z,
-            metres_per_unit: None,
-        }
+        let mesh = mesh_of(&self.positions, &self.normals, &self.triangles, &self.colours);
+        ExportMesh { name: "tetrahedron", ..mesh }
     }
 }
 
