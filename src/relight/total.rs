@@ -57,6 +57,8 @@ pub struct Lookups<'a> {
     pub errors: &'a [f32],
     /// Root mean square of the stated standard errors at the vertices, of the mean of the channels.
     pub vertex_noise: f64,
+    /// Root mean square over vertices and channels of the noise of lamps that are lit apart; it is in no lookup.
+    pub lamp_noise: f64,
     /// Mean radiance of the vertices.
     pub mean: f64,
     /// Whether the vertices have transfer of their own.
@@ -109,7 +111,7 @@ pub fn total_error(
     let stated: Vec<f64> = lookups.errors[..count].iter().map(|&e| coloured * f64::from(e).powi(2)).collect();
     let between: Vec<f64> = squares.iter().zip(&stated).map(|(s, noise)| s[0] - noise).collect();
     let texture = term(&between, mean);
-    let noise_square = coloured * lookups.vertex_noise.powi(2);
+    let noise_square = coloured * lookups.vertex_noise.powi(2) + lookups.lamp_noise.powi(2);
     let noise = ErrorTerm { rms: noise_square.sqrt() / mean, upper: noise_square.sqrt() / mean };
     let cut: Option<Vec<f64>> = seen.filter(|_| checks.paths >= 2).map(|seen| {
         let each = (0..count).into_par_iter().map(|i| truncation_at(checks, i, (layers, light, material), seen));
@@ -279,8 +281,14 @@ mod tests {
             (0..count).map(|i| [(truth + noise * normal(i, 2) + texture * normal(i, 3)) as f32; 3]).collect();
         let errors = vec![noise as f32; count];
         for at_vertices in [false, true] {
-            let lookups =
-                Lookups { radiance: &radiance, errors: &errors, vertex_noise: noise, mean: truth, at_vertices };
+            let lookups = Lookups {
+                radiance: &radiance,
+                errors: &errors,
+                vertex_noise: noise,
+                lamp_noise: 0.0,
+                mean: truth,
+                at_vertices,
+            };
             let found = total_error(&layers, &checks, &lookups, (&light, &material), None, None).unwrap();
             // A mean square of n numbers is known to sqrt(2/n), here 2.2 %; four of that, half of it in the root.
             assert!(
@@ -318,8 +326,14 @@ mod tests {
         };
         let radiance = vec![[4.0f32 / 3.0; 3]; count];
         let errors = vec![0.0; count];
-        let lookups =
-            Lookups { radiance: &radiance, errors: &errors, vertex_noise: 0.0, mean: 4.0 / 3.0, at_vertices: true };
+        let lookups = Lookups {
+            radiance: &radiance,
+            errors: &errors,
+            vertex_noise: 0.0,
+            lamp_noise: 0.0,
+            mean: 4.0 / 3.0,
+            at_vertices: true,
+        };
         let seen = |direction: Vec3| [1.0 + direction.z * direction.z; 3];
         let found = total_error(&layers, &checks, &lookups, (&light, &material), None, Some(&seen)).unwrap();
         // 65,536 directions of a deviation of 0.29: 0.0011, four of which over the mean.

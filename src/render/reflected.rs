@@ -26,9 +26,10 @@ use rayon::prelude::*;
 pub struct Reflected {
     /// Linear exitant radiance.
     pub radiance: Vec<[f32; 3]>,
-    /// Variance, mean over its channels, by two halves of the rays of both steps: one degree of freedom. Lamps of several colours
-    /// leave more noise in the channels than in their mean.
+    /// Variance of the mean of its channels, by two halves of the rays of both steps: one degree of freedom.
     pub variance: Vec<f32>,
+    /// The variance of a channel, mean over the three: lamps of several colours leave more noise in the channels than in their mean.
+    pub channel_variance: Vec<f32>,
     /// Rays of each place.
     pub rays_each: u32,
     /// Rays: their own count, apart from the rays of the transport and of cameras.
@@ -291,7 +292,7 @@ impl<'a> SunLit<'a> {
     /// One gather at some places, which are numbered as `which` says, and the mean of the part of the variance that its rays bring.
     fn gather(&self, which: &[usize], positions: &[[f32; 3]], normals: &[[f32; 3]], rays: u32) -> (Reflected, f64) {
         let each = rays / REPLICATES;
-        let mut found = vec![([0.0f32; 3], 0.0f32, 0.0f64); which.len()];
+        let mut found = vec![Gathered::default(); which.len()];
         let parts: Vec<u64> = with_samples!(self.surface.volume.samples(), s => {
             let field = &LevelField::new(self.surface.volume, s, self.surface.pyramid);
             found
@@ -309,15 +310,22 @@ impl<'a> SunLit<'a> {
                             });
                             (0..3).for_each(|c| mean[c] *= f64::from(self.albedo[c]) / f64::from(each));
                         }
-                        *found = mean_and_variance(&means);
+                        *found = Gathered::of(&means);
                     }
                     counts.rays
                 })
                 .collect()
         });
-        let of_rays = found.iter().map(|(.., of_rays)| of_rays).sum::<f64>() / found.len().max(1) as f64;
-        let (radiance, variance) = found.into_iter().map(|(radiance, variance, _)| (radiance, variance)).unzip();
-        (Reflected { radiance, variance, rays_each: rays, rays: parts.iter().sum() }, of_rays)
+        let count = found.len().max(1) as f64;
+        let of_rays = found.iter().map(|one| one.of_rays).sum::<f64>() / count;
+        let reflected = Reflected {
+            radiance: found.iter().map(|one| one.radiance).collect(),
+            variance: found.iter().map(|one| one.variance).collect(),
+            channel_variance: found.iter().map(|one| one.channel_variance).collect(),
+            rays_each: rays,
+            rays: parts.iter().sum(),
+        };
+        (reflected, of_rays)
     }
 
     /// What they bring by reflection at some places (grid space, unit normals in world), by as many rays as bring the standard
@@ -337,8 +345,9 @@ impl<'a> SunLit<'a> {
         let count = positions_in_grid.len();
         check_count("normals", normals_in_world.len(), count)?;
         if self.by_reflection[0].is_empty() || count == 0 {
-            let (radiance, variance) = (vec![[0.0; 3]; count], vec![0.0; count]);
-            return Ok(Reflected { radiance, variance, ..Reflected::default() });
+            let (radiance, nothing) = (vec![[0.0; 3]; count], vec![0.0; count]);
+            let (variance, channel_variance) = (nothing.clone(), nothing);
+            return Ok(Reflected { radiance, variance, channel_variance, ..Reflected::default() });
         }
         let all: Vec<usize> = (0..count).collect();
         let some: Vec<usize> = (0..count).step_by(count.div_ceil(TRIAL)).collect();
@@ -361,13 +370,29 @@ impl<'a> SunLit<'a> {
     }
 }
 
-/// Of four estimates of which 0 and 2, and 1 and 3 share the first step: their mean, the variance of its channels by the
-/// two pairs, and the part of it that differs within pairs.
-fn mean_and_variance(means: &[[f64; 3]; REPLICATES as usize]) -> ([f32; 3], f32, f64) {
-    let mean: [f64; 3] = std::array::from_fn(|c| means.iter().map(|m| m[c]).sum::<f64>() / f64::from(REPLICATES));
-    // Each of variance v of its own and a pair t in common: the mean has v/4 + t/2, as (A − B)²/4 of the pairs' means.
-    let over_channels = |of: &dyn Fn([f64; 4]) -> f64| (0..3).map(|c| of(means.map(|m| m[c]))).sum::<f64>() / 3.0;
-    let between = over_channels(&|[a, b, c, d]| (0.5 * (a + c) - 0.5 * (b + d)).powi(2) / 4.0);
-    let within = over_channels(&|[a, b, c, d]| ((a - c).powi(2) + (b - d).powi(2)) / 16.0);
-    (mean.map(|v| v as f32), between as f32, within)
+/// What is gathered at a place.
+#[derive(Clone, Copy, Default)]
+struct Gathered {
+    radiance: [f32; 3],
+    variance: f32,
+    channel_variance: f32,
+    // The part of that which the rays of the gather bring.
+    of_rays: f64,
+}
+
+impl Gathered {
+    /// Of four estimates of which 0 and 2, and 1 and 3 share the first step.
+    fn of(means: &[[f64; 3]; REPLICATES as usize]) -> Self {
+        let mean: [f64; 3] = std::array::from_fn(|c| means.iter().map(|m| m[c]).sum::<f64>() / f64::from(REPLICATES));
+        // Each of variance v of its own and a pair t in common: the mean has v/4 + t/2, as (A − B)²/4 of the pairs' means.
+        let between = |[a, b, c, d]: [f64; 4]| (0.5 * (a + c) - 0.5 * (b + d)).powi(2) / 4.0;
+        let within = |[a, b, c, d]: [f64; 4]| ((a - c).powi(2) + (b - d).powi(2)) / 16.0;
+        let over_channels = |of: &dyn Fn([f64; 4]) -> f64| (0..3).map(|c| of(means.map(|m| m[c]))).sum::<f64>() / 3.0;
+        Self {
+            radiance: mean.map(|v| v as f32),
+            variance: between(means.map(|m| (m[0] + m[1] + m[2]) / 3.0)) as f32,
+            channel_variance: over_channels(&between) as f32,
+            of_rays: over_channels(&within),
+        }
+    }
 }

@@ -37,11 +37,11 @@ impl Lit<'_> {
         let parts = texels.surface.parts.iter().zip(texels.surface.session.members());
         let mut first = 0;
         let mut found: Vec<(f64, TotalError)> = Vec::new();
-        for (part, member) in parts {
+        for (number, (part, member)) in parts.enumerate() {
             let range = first..first + part.isosurface.mesh().normals.len();
             first = range.end;
-            let (radiance, errors) = (&self.radiance[range.clone()], &self.errors[range]);
-            let Some(error) = self.of_part(part, member, radiance, errors)? else { return Ok(None) };
+            let radiance = &self.radiance[range];
+            let Some(error) = self.of_part((number, part), member, radiance)? else { return Ok(None) };
             found.push((radiance.len() as f64, error));
         }
         Ok(together(&found))
@@ -50,10 +50,9 @@ impl Lit<'_> {
     /// The error of one volume, over the mean radiance of all.
     fn of_part(
         &self,
-        part: &Part,
+        (number, part): (usize, &Part),
         member: &Member<'_>,
         radiance: &[[f32; 3]],
-        errors: &[f32],
     ) -> Result<Option<TotalError>> {
         let texels = &self.texels;
         let (lighting, material) = (texels.lighting, &texels.material);
@@ -73,19 +72,19 @@ impl Lit<'_> {
         let mut report = LookupReport::default();
         let light = &lighting.light;
         let places = checks.positions_in_grid.iter().zip(&checks.normals);
+        let contracted = &texels.members[number];
+        // Of the transfer alone, as what is looked up at the check points.
+        let own = match transfer {
+            Some(_) => contracted.vertex_errors(radiance.len()),
+            None => contracted.look_up_errors(&part.isosurface.mesh().positions_in_grid),
+        };
         let (found, stated): (Vec<[f32; 3]>, Vec<f32>) = match (transfer, part.triangles()) {
-            (Some(_), Some(index)) => {
-                let place = texels.surface.parts.iter().position(|p| std::ptr::eq(p, part)).unwrap_or(0);
-                let contracted = &texels.members[place];
-                // Of the transfer alone, as what is looked up there.
-                let own = contracted.vertex_errors(errors.len());
-                places
-                    .map(|(&position, &normal)| {
-                        let found = contracted.between_vertices(&index, position, normal, light, material, &mut report);
-                        (found, error_between(&index, position, &own))
-                    })
-                    .unzip()
-            }
+            (Some(_), Some(index)) => places
+                .map(|(&position, &normal)| {
+                    let found = contracted.between_vertices(&index, position, normal, light, material, &mut report);
+                    (found, error_between(&index, position, &own))
+                })
+                .unzip(),
             _ => {
                 let bricks = bricks_around(source.layout().lattice, &checks.positions_in_grid);
                 let (contracted, _) = radiance_of_bricks(source, &bricks, lighting, material, &texels.luminaires)?;
@@ -98,9 +97,10 @@ impl Lit<'_> {
         let count = radiance.len() as f64;
         let mean =
             self.radiance.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3.0 * self.radiance.len() as f64);
-        let vertex_noise = (errors.iter().map(|&e| f64::from(e).powi(2)).sum::<f64>() / count).sqrt();
-        let lookups =
-            Lookups { radiance: &found, errors: &stated, vertex_noise, mean, at_vertices: transfer.is_some() };
+        let vertex_noise = (own.iter().map(|&e| f64::from(e).powi(2)).sum::<f64>() / count).sqrt();
+        let lamp_noise = texels.suns[number].as_ref().map_or(0.0, |suns| suns.noise(&lighting.suns, material));
+        let at_vertices = transfer.is_some();
+        let lookups = Lookups { radiance: &found, errors: &stated, vertex_noise, lamp_noise, mean, at_vertices };
         let groups = Groups::open(source, &texels.luminaires)?;
         let scene =
             source.identity().scene.as_ref().map(|_| Scene { luminaires: groups.factors().map(|(_, f)| f).collect() });

@@ -3,7 +3,7 @@
 use super::{LightNote, Lighting, LuminaireFactor, Surface};
 use crate::error::{Error, Result};
 use crate::relight::{ClampReport, Contracted, Exposure, LookupReport, Material, SurfaceError, TotalError};
-use crate::render::{Reflected, SunVisibility};
+use crate::render::{Reflected, SunLight, SunVisibility};
 use crate::transfer::store::{Holdings, Store};
 
 /// How a surface is lit.
@@ -24,12 +24,24 @@ impl Default for LitOptions {
 
 /// What lamps that are lit apart bring to the vertices of a surface.
 pub(super) struct OfSuns {
-    /// Of each lamp, direct.
+    /// Of each lamp, direct; none among walls or other volumes, where paths bring all of it.
     pub(super) seen: Vec<SunVisibility>,
-    /// Of all together, by reflection.
+    /// Of all together, by reflection; there direct light, too.
     pub(super) reflected: Reflected,
     /// Rays of both.
     pub(super) rays: u64,
+}
+
+impl OfSuns {
+    /// Root mean square of their noise over vertices and channels.
+    pub(super) fn noise(&self, suns: &[SunLight], material: &Material) -> f64 {
+        let direct = suns.iter().zip(&self.seen).map(|(sun, seen)| {
+            let square = material.sun_factor(sun.flux).iter().map(|&f| f64::from(f).powi(2)).sum::<f64>() / 3.0;
+            square * seen.variance.iter().map(|&v| f64::from(v)).sum::<f64>()
+        });
+        let reflected = self.reflected.channel_variance.iter().map(|&v| f64::from(v)).sum::<f64>();
+        ((direct.sum::<f64>() + reflected) / self.reflected.radiance.len().max(1) as f64).sqrt()
+    }
 }
 
 /// The texels around a surface under a light.
@@ -166,7 +178,8 @@ impl<'t> Lit<'t> {
         &self.radiance
     }
 
-    /// Its standard error, one number for the three channels.
+    /// Its standard error, one number for the three channels. Lamps that are lit apart bring by reflection an estimate of one degree
+    /// of freedom for each vertex: it is right in the mean square over many.
     pub fn standard_errors(&self) -> &[f32] {
         &self.errors
     }
