@@ -94,6 +94,7 @@ impl Request<'_> {
         let surrounded = scene::Surrounded {
             parts: geometry.parts() as u64,
             luminaires: geometry.luminaires().iter().map(|l| l.name.clone()).collect(),
+            keeps_lamps: geometry.keeps_lamps(),
             specular: geometry.has_specular(),
             needs_photons: photons,
             path_rays: trial.scene.path_rays,

@@ -11,6 +11,7 @@ use crate::relight::Material;
 use crate::relight::TriangleIndex;
 use crate::render::{SunLight, SunLit, Surroundings, sun_visibility};
 use crate::sampling::{DirectionSample, DirectionalSource};
+use crate::session::AmongOthers;
 use crate::sh::Coefficients;
 
 /// Lamps apart from an environment.
@@ -65,6 +66,12 @@ impl<'a> Apart<'a> {
         let material = Material::new(surface.albedo, [0.0; 3])?;
         let positions: Vec<[f32; 3]> = surface.points.iter().map(|p| p.position_in_grid).collect();
         let normals: Vec<[f32; 3]> = surface.points.iter().map(|p| p.normal).collect();
+        if let Some(geometry) = surface.geometry {
+            let (albedo, reflects) = (surface.albedo, self.reflects);
+            let among = AmongOthers { volume, pyramid, geometry, isovalue, albedo, reflects };
+            let found = among.lit(self.suns, (&positions, &normals), rest)?;
+            return Ok(found.radiance.iter().map(|v| v.map(f64::from)).collect());
+        }
         let mut radiance = vec![[0.0; 3]; positions.len()];
         for sun in self.suns {
             let seen = sun_visibility(volume, pyramid, isovalue, &positions, &normals, sun);

@@ -40,6 +40,7 @@ pub use surface::{LitSurface, Vertices, unburied};
 use crate::error::Result;
 use crate::geom::Direction;
 use crate::relight::LookupReport;
+use crate::render::Lamps;
 use crate::sampling::{DirectionSample, DirectionalSource};
 use crate::sh::{self, Coefficients};
 use crate::transfer::BrickSource;
@@ -56,7 +57,7 @@ pub struct Question<'a> {
     pub textures: &'a [&'a dyn BrickSource],
     /// How they were baked: seed, positive, layers; `None` if not by `path`, so that texels cannot be made again.
     pub baked_by: Option<&'a Settings>,
-    /// Lamps that are lit apart, of a volume alone; else the whole light is cut to the bands.
+    /// Lamps that are lit apart; else the whole light is cut to the bands.
     pub apart: Option<Apart<'a>>,
     /// Paths at each point.
     pub paths: u32,
@@ -163,9 +164,11 @@ pub fn compare(question: &Question<'_>) -> Result<Comparison> {
     let (q, surface) = (question, &question.surface);
     surface.check()?;
     let limited = BandLimited(surface.coefficients);
+    let darkness = Lamps::new(&[], None);
     let with_suns = q.apart.as_ref().map(|apart| (apart.with_bands(), apart.source));
     let lights: Vec<&dyn DirectionalSource> = match &with_suns {
-        Some((bands_and_suns, suns)) => vec![surface.light, bands_and_suns, *suns],
+        // The last is what luminaires and the surface's own emission bring.
+        Some((bands_and_suns, suns)) => vec![surface.light, bands_and_suns, *suns, &darkness],
         None => vec![surface.light, &limited],
     };
     let (references, rays) = surface.by_paths(&lights, q.paths, q.seed)?;
@@ -175,7 +178,9 @@ pub fn compare(question: &Question<'_>) -> Result<Comparison> {
     let [mut fine, mut again] = slow::interpolated(q, &stored)?;
     if let Some(apart) = &q.apart {
         // Of relight the noise of rays and paths is in the row of noise.
-        add(&mut fine, &mean_of(2));
+        let of_suns =
+            mean_of(2).into_iter().zip(mean_of(3)).map(|(suns, others)| [0, 1, 2].map(|c| suns[c] - others[c]));
+        add(&mut fine, &of_suns.collect::<Vec<_>>());
         let as_relight = apart.radiance(surface, mean(&stored))?;
         add(&mut again, &as_relight);
         add(&mut stored, &as_relight);

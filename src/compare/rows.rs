@@ -38,7 +38,7 @@ pub struct Asked<'a> {
     pub rotation_degrees: f64,
     /// Where the centre of their images lies.
     pub frame: EnvFrame,
-    /// Which lamps are lit apart; none in scenes.
+    /// Which lamps are lit apart; none among mirrors and glass.
     pub sun_split: SunSplit,
     /// Albedo of the surfaces.
     pub albedo: [f32; 3],
@@ -137,7 +137,8 @@ impl Asked<'_> {
                 scales: &scales,
                 vertices: vertices.as_ref(),
             };
-            let split = if geometry.is_some() { SunSplit::Off } else { self.sun_split };
+            let splits = geometry.is_none_or(|geometry| geometry.keeps_lamps().is_none());
+            let split = if splits { self.sun_split } else { SunSplit::Off };
             let lamps = Lamps::of(probe, orientation, split, &layout.layers);
             let question = Question {
                 surface: lit,

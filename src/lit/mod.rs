@@ -182,6 +182,11 @@ impl Relit {
     }
 }
 
+/// Whether lamps of environments can be lit apart where this stands around a volume.
+fn splits_lamps(geometry: Option<&Geometry>) -> bool {
+    geometry.is_none_or(|geometry| geometry.keeps_lamps().is_none())
+}
+
 impl Job<'_> {
     /// Lights and writes.
     ///
@@ -320,7 +325,7 @@ impl Job<'_> {
 
     /// Says what a lamp that stays in light of a few bands does to it, and what helps.
     fn tell_of_lamps(&self, note: &Note<'_>) {
-        let options = self.light_options(false);
+        let options = self.light_options(true);
         let why = match (options.split_sun, options.window) {
             (SunSplit::Off, _) if self.mesh.transfer && self.asked_split().is_none() => "--transfer carries no rays",
             (SunSplit::Auto, window) if window != Window::None => "--window leaves it there",
@@ -361,12 +366,12 @@ impl Job<'_> {
         }
     }
 
-    /// How environments light a volume alone, or a scene: there lamps are split off only where that was asked for, and
-    /// then refused.
-    fn light_options(&self, in_scene: bool) -> LightOptions {
-        let otherwise = if in_scene || self.mesh.transfer { SunSplit::Off } else { SunSplit::Auto };
+    /// How environments light a volume alone, or a scene; `splits`: whether lamps can be lit apart there. Where they cannot they are
+    /// only if that was asked for, and then refused.
+    fn light_options(&self, splits: bool) -> LightOptions {
+        let otherwise = if !splits || self.mesh.transfer { SunSplit::Off } else { SunSplit::Auto };
         let split = match self.asked_split() {
-            Some(SunSplit::Auto) if in_scene => SunSplit::Lobes(MOST_SUNS),
+            Some(SunSplit::Auto) if !splits => SunSplit::Lobes(MOST_SUNS),
             asked => asked.unwrap_or(otherwise),
         };
         LightOptions { split_sun: split, ..self.light.clone() }

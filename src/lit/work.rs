@@ -1,6 +1,6 @@
 //! What one run does: the bake of what is missing, drafts first, and every surface under every light.
 
-use super::{Draft, Host, Job, LitSurface, Relit};
+use super::{Draft, Host, Job, LitSurface, Relit, splits_lamps};
 use crate::bake::{Quality, Request, Writing};
 use crate::cache::{Cache, Filled, InUse, Note, drafts, lights};
 use crate::error::{Error, Result};
@@ -101,8 +101,7 @@ impl<'a> Work<'a> {
         transport_rays: u64,
         drafts: Vec<Draft>,
     ) -> Result<Relit> {
-        let in_scene = session.members()[0].store().identity().scene.is_some();
-        let options = self.file_options(session.up(), in_scene);
+        let options = self.file_options(session.up(), session.splits_lamps());
         self.job.make_folders()?;
         let mut surfaces = Vec::new();
         let mut written = Vec::new();
@@ -118,10 +117,10 @@ impl<'a> Work<'a> {
     }
 
     /// How files are lit and written.
-    fn file_options(&self, up: Up, in_scene: bool) -> FileOptions<'_> {
+    fn file_options(&self, up: Up, splits: bool) -> FileOptions<'_> {
         let job = self.job;
         FileOptions {
-            light: job.light_options(in_scene),
+            light: job.light_options(splits),
             albedo: &self.rule,
             emission: &self.emission,
             medium_albedo: job.material.medium_albedo,
@@ -153,9 +152,8 @@ impl<'a> Work<'a> {
         }
         let surface = session.surface_of(parts)?;
         let what = format!("relighting isovalue {}", number(isovalues[0], 8));
-        let in_scene = session.members()[0].store().identity().scene.is_some();
-        let splits = !in_scene && self.job.light_options(in_scene).split_sun != SunSplit::Off;
-        let lamps = if splits { MOST_SUNS } else { 0 };
+        let splits = session.splits_lamps();
+        let lamps = if splits && self.job.light_options(splits).split_sun != SunSplit::Off { MOST_SUNS } else { 0 };
         memory::check(&what, surface.bytes_of_lighting(lamps), self.job.quality.memory_limit)?;
         Ok(surface)
     }
@@ -170,7 +168,7 @@ impl<'a> Work<'a> {
         let quality = Quality { bands, ..self.job.quality.clone() };
         let layers = quality.layout(self.volume, self.geometry)?.layers;
         let albedo = self.rule.largest_albedo(Some(&self.isovalues));
-        let options = self.job.light_options(self.geometry.is_some());
+        let options = self.job.light_options(splits_lamps(self.geometry));
         let lights = lights(self.job.probes, (self.up, &layers), &options, albedo)?;
         let request = quality.request(member, Some(self.isovalues.clone()), lights)?;
         let request = Request { writing: Writing::of_cache(), ..request };

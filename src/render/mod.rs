@@ -3,12 +3,14 @@
 //! Knows nothing of solvers: radiance comes from a contracted texture, visibility from the tracer.
 
 mod camera;
+mod lamps;
 mod pixels;
 mod preview;
 mod reflected;
 mod sun;
 
 pub use camera::{Camera, Projection, VIEWS, View, Viewpoint};
+pub use lamps::Lamps;
 pub use pixels::{SeenPoint, seen_points};
 pub use preview::{Backdrop, Picture, RenderOptions, Subject, radiance_along, render};
 pub use reflected::{Reflected, SunLit, Surroundings, bytes_of_suns};

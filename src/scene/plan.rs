@@ -43,6 +43,8 @@ pub struct Surrounded {
     pub luminaires: Vec<String>,
     /// Whether a wall is a mirror or glass.
     pub specular: bool,
+    /// Why lamps of environments stay in these, if so.
+    pub keeps_lamps: Option<&'static str>,
     /// Luminaires whose light through mirrors and glass would need photons.
     pub needs_photons: Vec<String>,
     /// Rays of paths, all of them.
@@ -512,20 +514,21 @@ fn sun_split(input: &PlanInput<'_>) -> Effect {
         Some(true) if input.sun_split == SunSplit::Off => SunSplit::Auto,
         _ => input.sun_split,
     };
+    let keeps = input.surroundings.and_then(|s| s.keeps_lamps);
     let tolerance = 100.0 * SUN_TOLERANCE;
     let (on, reason) = match split {
-        _ if input.surroundings.is_some() => {
-            (false, "lamps stay in the environment: the layers hold what the scene sends of them".into())
+        _ if keeps.is_some() => {
+            (false, format!("lamps stay in the environment of a scene with {}", keeps.unwrap_or_default()))
         }
         SunSplit::Off => (false, "not asked for: a small sun rings in the bands that are stored".into()),
         SunSplit::Auto => {
             let text = format!(
                 "at relight, of each environment of which the bands lose more than {tolerance} % of the radiance beside a \
-                 shadow: its lamps, at most {MOST_SUNS}, until they lose less; by visibility rays, none in the bake"
+                 shadow: its lamps, at most {MOST_SUNS}, until they lose less; by rays and paths, none in the bake"
             );
             (true, text)
         }
-        SunSplit::Lobes(count) => (true, format!("the {count} strongest lamps, at relight, by visibility rays")),
+        SunSplit::Lobes(count) => (true, format!("the {count} strongest lamps, at relight, by rays and paths")),
     };
     Effect { on, ..absent("sun-split", "no rays in the bake", &reason) }
 }

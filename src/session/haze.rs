@@ -1,10 +1,11 @@
 //! Media in pictures: they dim what is seen and scatter light into the rays of the camera.
 
+use super::Lighting;
 use super::walls::Environment;
 use crate::error::Result;
 use crate::level::Pyramid;
-use crate::relight::{Light, Material};
-use crate::render::{Camera, Picture};
+use crate::relight::Material;
+use crate::render::{Camera, Lamps, Picture};
 use crate::scene::geometry::Geometry;
 use crate::transport::{Airlight, SceneReference, airlight};
 use crate::volume::Volume;
@@ -24,7 +25,7 @@ pub(super) struct Haze<'a> {
     pub(super) geometry: &'a Geometry,
     pub(super) isovalue: f64,
     pub(super) material: &'a Material,
-    pub(super) light: &'a Light,
+    pub(super) lighting: &'a Lighting<'a>,
     pub(super) scales: Vec<[f64; 3]>,
 }
 
@@ -40,7 +41,8 @@ impl Haze<'_> {
             camera.ray(x / w * 2.0 - 1.0, 1.0 - y / h * 2.0, w / h)
         };
         let Self { volume, pyramid, geometry, isovalue, material, .. } = *self;
-        let environment = Environment(self.light);
+        let bands = Environment(&self.lighting.light);
+        let environment = Lamps::new(&self.lighting.suns, Some(&bands));
         let found = |rays: &[(DVec3, DVec3)], settings: Option<&SceneReference>| {
             airlight(volume, pyramid, geometry, isovalue, rays, Some(&environment), settings)
         };

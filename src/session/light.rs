@@ -39,16 +39,6 @@ impl LightOptions {
         Ok(Orientation::new(up, self.rotation_degrees)?.in_frame(self.frame))
     }
 
-    /// For a scene: lamps that nobody asked to be lit apart stay, since the layers hold what its walls and other volumes
-    /// send of them.
-    #[doc(hidden)]
-    pub fn in_scene(mut self) -> Self {
-        if self.split_sun == SunSplit::Auto {
-            self.split_sun = SunSplit::Off;
-        }
-        self
-    }
-
     /// When lobes are taken for lamps, if so.
     fn sun_options(&self, bands: usize) -> Option<SunOptions> {
         match (self.split_sun, self.window) {

@@ -61,8 +61,8 @@ impl<'a> Member<'a> {
     fn reading(store: Held<'a, Store>) -> Result<Self> {
         let volume = store.volume()?;
         volume.check_cells()?;
-        let pyramid = Held::Own(Box::new(Pyramid::new(&volume)));
-        Ok(Self { store, volume: Held::Own(Box::new(volume)), pyramid })
+        let pyramid = Held::Shared(Arc::new(Pyramid::new(&volume)));
+        Ok(Self { store, volume: Held::Shared(Arc::new(volume)), pyramid })
     }
 
     /// The transfer.
@@ -78,6 +78,14 @@ impl<'a> Member<'a> {
     /// The pyramid over the volume.
     pub fn pyramid(&self) -> &Pyramid {
         &self.pyramid
+    }
+
+    /// The volume with its pyramid, for who keeps them; `None` where they were lent.
+    pub(super) fn shared(&self) -> Option<(Arc<Volume>, Arc<Pyramid>)> {
+        match (&self.volume, &self.pyramid) {
+            (Held::Shared(volume), Held::Shared(pyramid)) => Some((volume.clone(), pyramid.clone())),
+            _ => None,
+        }
     }
 
     /// Its name in the scene; that of the volume where it stands alone.

@@ -29,6 +29,7 @@
 //! # }
 //! ```
 
+mod among;
 mod error;
 mod field;
 mod file;
@@ -50,6 +51,7 @@ mod write;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use among::AmongOthers;
 #[doc(hidden)]
 pub use field::RelitField;
 #[doc(hidden)]
@@ -73,7 +75,7 @@ pub use write::{lightmap_json, simplified_json, total_json};
 use crate::error::{Error, Result};
 use crate::geom::Up;
 use crate::level::Pyramid;
-use crate::probe::Probe;
+use crate::probe::{Probe, SunSplit};
 use crate::quantity::number;
 use crate::scene::geometry::Geometry;
 use crate::scene::{NamedIsovalue, nearest};
@@ -274,17 +276,18 @@ impl<'a> Session<'a> {
         Ok(Surface::new(self, parts))
     }
 
-    /// The light of a probe around the first member, cut and windowed at the band limit of each layer.
+    /// The light of a probe around the first member, cut and windowed at the band limit of each layer. Lamps that nobody asked to be lit
+    /// apart stay in it where a scene has mirrors, glass or a translucent solid, or walls whose shapes are not known.
     ///
     /// # Errors
     /// As [`Lighting::new`].
     pub fn light<'p>(&self, probe: &'p Probe, options: &LightOptions) -> Result<Lighting<'p>> {
-        let store = self.first().store();
-        let options = match store.identity().scene {
-            Some(_) => &options.clone().in_scene(),
-            None => options,
+        let split_sun = match options.split_sun {
+            SunSplit::Auto if !self.splits_lamps() => SunSplit::Off,
+            split => split,
         };
-        Lighting::new(probe, self.up, &store.layout().layers, options)
+        let options = LightOptions { split_sun, ..options.clone() };
+        Lighting::new(probe, self.up, &self.first().store().layout().layers, &options)
     }
 }
 

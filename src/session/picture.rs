@@ -10,7 +10,7 @@ use crate::export::Image;
 use crate::geom::{Bounds, Up};
 use crate::level::Counts;
 use crate::probe::LatLong;
-use crate::relight::{Contracted, LookupReport, Material, without_negative};
+use crate::relight::{Contracted, LookupReport, Material, TriangleIndex, without_negative};
 use crate::render::{Camera, Picture, Projection, RenderOptions, Subject, View, radiance_along, render};
 use crate::srgb;
 use glam::{DMat3, DVec3};
@@ -264,7 +264,7 @@ impl<'a> Stage<'a> {
         let (contracted, own) = (&texels.members[0], &tinted(material, member));
         let triangles = part.triangles();
         let (light, triangles) = (&lighting.light, triangles.as_ref());
-        let reflected = texels.suns[0].as_ref().map(|suns| (part.all_triangles(), &*suns.reflected.radiance));
+        let reflected = self.of_lamps(0);
         let reflected = reflected.as_ref().map(|(index, radiance)| (index, *radiance));
         let subject = Subject { volume, pyramid, isovalue, contracted, triangles, light, material: own, reflected };
         let geometry = texels.surface.session.geometry();
@@ -273,12 +273,15 @@ impl<'a> Stage<'a> {
         }
         let question = WallQuestion { volume, pyramid, isovalue, material, rays: self.options.wall_paths };
         let walls = geometry
-            .map(|geometry| Walls::new(geometry, &question, camera, options, &lighting.light, &texels.luminaires))
+            .map(|geometry| Walls::new(geometry, &question, camera, options, lighting, &texels.luminaires))
             .transpose()?;
+        let others: Vec<_> = (1..texels.members.len()).map(|number| self.of_lamps(number)).collect();
         let backdrop = |origin, direction, limit, pixel| {
             let (mut found, mut limit): (Option<[f32; 3]>, f64) = (None, limit);
-            for (other, contracted) in self.others() {
-                if let Some((rgb, distance)) = self.seen(other, contracted, (camera, options), (origin, direction))
+            for ((other, contracted), lamps) in self.others().zip(&others) {
+                let lamps = lamps.as_ref().map(|(index, radiance)| (index, *radiance));
+                if let Some((rgb, distance)) =
+                    self.seen(other, (contracted, lamps), (camera, options), (origin, direction))
                     && distance < limit
                 {
                     (found, limit) = (Some(rgb), distance);
@@ -287,6 +290,13 @@ impl<'a> Stage<'a> {
             walls.as_ref().and_then(|walls| walls.seen(origin, direction, limit, pixel)).or(found)
         };
         Ok(render(&subject, &[], Some(&backdrop), camera, options))
+    }
+
+    /// What lamps that are lit apart bring to the vertices of a part and no ray of the camera finds.
+    fn of_lamps(&self, number: usize) -> Option<(TriangleIndex<'a>, &'a [[f32; 3]])> {
+        let part = self.texels.surface.parts.get(number)?;
+        let suns = self.texels.suns.get(number)?.as_ref()?;
+        Some((part.all_triangles(), &*suns.reflected.radiance))
     }
 
     /// Lays media over the picture.
@@ -303,7 +313,7 @@ impl<'a> Stage<'a> {
             geometry,
             isovalue: part.isosurface.isovalue(),
             material: &texels.material,
-            light: &texels.lighting.light,
+            lighting: texels.lighting,
             scales,
         };
         haze.lay_over(picture, camera)
@@ -313,7 +323,7 @@ impl<'a> Stage<'a> {
     fn seen(
         &self,
         (part, member): (&Part, &Member<'_>),
-        contracted: &Contracted,
+        (contracted, reflected): (&Contracted, Option<(&TriangleIndex<'_>, &[[f32; 3]])>),
         (camera, options): (&Camera, &RenderOptions),
         (origin, direction): (DVec3, DVec3),
     ) -> Option<([f32; 3], f64)> {
@@ -321,7 +331,7 @@ impl<'a> Stage<'a> {
         let (light, material) = (&self.texels.lighting.light, &tinted(&self.texels.material, member));
         let triangles = part.triangles();
         let triangles = triangles.as_ref();
-        let subject = Subject { volume, pyramid, isovalue, contracted, triangles, light, material, reflected: None };
+        let subject = Subject { volume, pyramid, isovalue, contracted, triangles, light, material, reflected };
         radiance_along(&subject, camera, options, origin, direction)
     }
 

@@ -1,5 +1,6 @@
 //! Surfaces ready to be lit: isosurfaces of all volumes of a session, and the bricks that their lookups read.
 
+use super::among::AmongOthers;
 use super::lit::OfSuns;
 use super::textures::{check_factors_of_nodes, radiance_of_bricks, settled};
 use super::{Isosurface, Lighting, Lit, LitOptions, LitTexels, LuminaireFactor, Session};
@@ -128,7 +129,7 @@ impl<'s> Surface<'s> {
     /// vertices by rays, and unless the transfer has direct light alone, by what the surface reflects of them.
     ///
     /// # Errors
-    /// As [`radiance_of_bricks`]; a material that is none ([`Material::new`]).
+    /// As [`radiance_of_bricks`]; a material that is none ([`Material::new`]); lamps apart where these cannot be ([`Session::light`]).
     pub fn contract<'t>(
         &'t self,
         lighting: &'t Lighting<'t>,
@@ -145,7 +146,7 @@ impl<'s> Surface<'s> {
         let (members, clamped): (Vec<Contracted>, _) = all.collect::<Result<Vec<_>>>()?.into_iter().unzip();
         let material = settled(self.session.members()[0].store(), material);
         let parts = self.parts.iter().zip(self.session.members()).zip(&members);
-        let suns = parts.map(|((part, member), contracted)| {
+        let suns = parts.enumerate().map(|(number, ((part, member), contracted))| {
             if lighting.suns.is_empty() {
                 return Ok(None);
             }
@@ -153,6 +154,14 @@ impl<'s> Surface<'s> {
             let reflects = layers.len() > 1 && !member.store().identity().estimator.ignores_shadows();
             let (mesh, triangles) = (part.isosurface.mesh(), &part.all_triangles());
             let (volume, pyramid, isovalue) = (member.volume(), member.pyramid(), part.isosurface.isovalue());
+            if let Some(geometry) = self.session.around(number)? {
+                let (geometry, albedo) = (&*geometry, material.albedo);
+                let among = AmongOthers { volume, pyramid, geometry, isovalue, albedo, reflects };
+                let places = (&*mesh.positions_in_grid, &*mesh.normals);
+                let reflected = among.lit(&lighting.suns, places, contracted.noise.mean_radiance)?;
+                let rays = reflected.rays;
+                return Ok(Some(OfSuns { seen: Vec::new(), reflected, rays }));
+            }
             let surface = Surroundings { volume, pyramid, isovalue, triangles };
             let lit = SunLit::new(surface, &lighting.suns, &material, reflects);
             let reflected = lit.reflected(&mesh.positions_in_grid, &mesh.normals, contracted.noise.mean_radiance)?;

@@ -120,8 +120,7 @@ pub fn check_factors(names: &[String], factors: &[LuminaireFactor]) -> Result<()
 /// negative under certified light, and what was is told.
 ///
 /// # Errors
-/// When the scene has no such luminaire, a factor is negative or not finite, a sun is lit apart in a scene, or the
-/// store is damaged.
+/// When the scene has no such luminaire, a factor is negative or not finite, or the store is damaged.
 pub fn radiance_of_bricks(
     store: &Store,
     bricks: &[[usize; 3]],
@@ -215,10 +214,5 @@ fn contracted(
     let light = &lighting.light;
     let names: &[String] = store.identity().scene.as_ref().map_or(&[], |scene| &scene.luminaires);
     check_factors(names, factors)?;
-    if store.identity().scene.is_some() && !lighting.suns.is_empty() {
-        let expected = "an environment whose lamps stay in it";
-        let remedy = "leave it out: the layers hold what the walls of a scene send of that lamp, too, and it cannot be taken out";
-        return Err(Error::argument("sun split", "a scene with walls or luminaires", expected, remedy));
-    }
     contract(&Groups::open(store, factors)?.textures()?, bricks, light, &settled(store, material))
 }

@@ -1,13 +1,13 @@
 //! Walls in pictures. Radiance on flat walls is smooth, so it is path traced on a grid of each rectangle and
 //! interpolated; whatever else stands in the scene (spheres, meshes, mirrors, glass) is path traced pixel by pixel.
 
-use super::LuminaireFactor;
 use super::textures::factor_of;
+use super::{Lighting, LuminaireFactor};
 use crate::error::Result;
 use crate::geom::{Bounds, Direction};
 use crate::level::Pyramid;
 use crate::relight::{Light, Material};
-use crate::render::{Camera, RenderOptions};
+use crate::render::{Camera, Lamps, RenderOptions};
 use crate::sampling::{DirectionSample, DirectionalSource};
 use crate::scene::geometry::{Finish, Geometry, WallHit};
 use crate::sh;
@@ -52,7 +52,7 @@ pub(super) struct Walls<'a> {
     scales: Vec<[f64; 3]>,
 }
 
-/// The band-limited environment that the transfer sees, too.
+/// The band-limited environment that the transfer sees, too; lamps that are lit apart shine beside it ([`Lamps`]).
 pub(super) struct Environment<'a>(pub(super) &'a Light);
 
 impl DirectionalSource for Environment<'_> {
@@ -85,7 +85,7 @@ impl<'a> Walls<'a> {
         question: &WallQuestion<'_>,
         camera: &Camera,
         options: &RenderOptions,
-        light: &Light,
+        lighting: &Lighting<'_>,
         factors: &[LuminaireFactor],
     ) -> Result<Self> {
         let scales: Vec<[f64; 3]> = geometry.luminaires().iter().map(|l| factor_of(&l.name, factors)).collect();
@@ -119,7 +119,8 @@ impl<'a> Walls<'a> {
                 is_covered.push(geometry.first_luminaire(point + step * normal, -normal, 2.0 * step).is_some());
             }
         }
-        let environment = Environment(light);
+        let bands = Environment(&lighting.light);
+        let environment = Lamps::new(&lighting.suns, Some(&bands));
         let trace = |rays: &[(DVec3, DVec3)], paths: u32| {
             let settings = SceneReference {
                 paths,

@@ -18,9 +18,9 @@ pub(in crate::cli) struct LightArgs {
     /// Soften the band-limited light, against ringing
     #[arg(long, value_enum, default_value = "none")]
     pub(in crate::cli) window: Window,
-    /// Lamps lit apart from the environment, by visibility rays, with sharp shadows: as many as would ring otherwise,
-    /// none (light and transfer are multiplied), or so many [default: auto; off in scenes, with --window and with
-    /// --transfer]
+    /// Lamps lit apart from the environment, by rays, with sharp shadows: as many as would ring otherwise,
+    /// none (light and transfer are multiplied), or so many [default: auto; off among mirrors,
+    /// glass and translucent solids, with --window and with --transfer]
     #[arg(long, value_name = "auto|off|N", num_args = 0..=1, default_missing_value = "auto", value_parser = parse_split)]
     pub(in crate::cli) sun_split: Option<SunSplit>,
     /// Factor on the power of a luminaire of a scene, one number or three for red, green and blue, such as ceiling=2

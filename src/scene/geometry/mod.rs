@@ -110,6 +110,8 @@ pub struct Geometry {
     fingerprint: String,
     // Without media.
     of_surfaces: String,
+    // Of walls and luminaires without other volumes.
+    of_walls: String,
     // The baked volume, and the volumes beside it, sorted by name.
     among: Option<Among>,
     partners: Vec<Partner>,
@@ -186,7 +188,7 @@ impl Geometry {
         let bounds = boxes.fold(Bounds::EMPTY, |b, [low, high]| b.including(low).including(high));
         let nearest_allowed = if bounds.min.is_finite() { 1e-9 * bounds.size().length() } else { 0.0 };
         let hierarchy = (primitives.len() > FEW).then(|| Hierarchy::new(&primitives));
-        let (fingerprint, of_surfaces) = (hash.clone(), hash);
+        let (fingerprint, of_surfaces, of_walls) = (hash.clone(), hash.clone(), hash);
         let (among, partners, media) = (None, Vec::new(), Vec::new());
         Ok(Self {
             primitives,
@@ -198,6 +200,7 @@ impl Geometry {
             nearest_allowed,
             fingerprint,
             of_surfaces,
+            of_walls,
             among,
             partners,
             media,
@@ -311,6 +314,15 @@ impl Geometry {
     /// Whether any wall is a mirror or glass.
     pub(crate) fn has_specular(&self) -> bool {
         self.finishes.iter().any(Finish::is_specular)
+    }
+
+    /// Why lamps of an environment cannot be lit apart from it here, if so.
+    pub(crate) fn keeps_lamps(&self) -> Option<&'static str> {
+        match (self.has_specular(), self.body.is_some()) {
+            (true, _) => Some("mirrors or glass, in which paths do not find small lamps"),
+            (_, true) => Some("a translucent solid, into which their light goes"),
+            _ => None,
+        }
     }
 
     /// The flat parts of all mirrors; `None` where something specular is not flat: glass, or a mirror that is a sphere.

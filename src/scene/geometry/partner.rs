@@ -42,7 +42,7 @@ pub struct Among {
 }
 
 impl Geometry {
-    /// The same walls and luminaires around a volume among partners, whose order does not count.
+    /// The same walls and luminaires around a volume among partners, whose order does not count, in the place of those that it had.
     ///
     /// # Errors
     /// When a factor is outside [0, 1], two partners have one name, there are too many, or a partner has no cells.
@@ -73,7 +73,7 @@ impl Geometry {
             return Err(Error::argument("volumes", names[twice], "names that differ", "give each its own"));
         }
         let mut hasher = blake3::Hasher::new();
-        hasher.update(self.of_surfaces.as_bytes());
+        hasher.update(self.of_walls.as_bytes());
         hasher.update(format!("{:?}", among.tint).as_bytes());
         for partner in &partners {
             let Partner { name, volume, isovalue, tint, .. } = partner;

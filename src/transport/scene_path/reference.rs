@@ -365,7 +365,7 @@ impl<T: Sample> Tracer<'_, T> {
             let variates = |which: u32| sampler.pair(path, pairs * turn + which);
             let (now, at_turn) = (carried(&weight, &in_media), (place, scatter));
             if self.settings.samples_luminaires {
-                for l in 0..luminaires {
+                for l in (0..luminaires).filter(|&l| self.settings.scales.get(l) != Some(&[0.0; 3])) {
                     self.sample_luminaire(l, &at_turn, variates(1 + l as u32), &now, found, level, counts);
                 }
             }
