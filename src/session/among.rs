@@ -2,6 +2,7 @@
 //! turn, in all orders of reflection. Of a volume alone [`crate::render::SunLit`] is cheaper.
 
 use super::Session;
+use super::member::{Member, coupling_of};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::relight::check_count;
@@ -11,7 +12,7 @@ use crate::scene::geometry::{Among, Geometry, Partner};
 use crate::transfer::store::{CouplingIdentity, PartnerIdentity};
 use crate::transport::{SceneReference, SurfacePoint, direct};
 use crate::volume::Volume;
-use std::borrow::Cow;
+use std::sync::Arc;
 
 /// Standard error that is aimed at, root mean square over points and channels, over the mean radiance.
 const AIM: f64 = 0.012;
@@ -62,7 +63,7 @@ impl AmongOthers<'_> {
         let allowed = (MOST_OF_ALL / count as u64).clamp(FEWEST_PATHS.into(), MOST_PATHS.into()) as u32;
         let (mut paths, mut tried) = (FEWEST_PATHS, 0);
         while 2 * paths <= allowed {
-            let trial = self.by_paths(lamps, &some, paths)?;
+            let trial = self.by_paths(lamps, &some, paths, SEED)?;
             tried += trial.rays;
             let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / some.len() as f64;
             let radiance = mean(&mut trial.radiance.iter().flatten().map(|&v| f64::from(v))) / 3.0;
@@ -72,18 +73,25 @@ impl AmongOthers<'_> {
             }
             paths *= 2;
         }
-        let found = self.by_paths(lamps, &points, paths)?;
+        let found = self.by_paths(lamps, &points, paths, SEED)?;
         Ok(Reflected { rays: found.rays + tried, ..found })
     }
 
-    fn by_paths(&self, lamps: &[SunLight], points: &[SurfacePoint], paths: u32) -> Result<Reflected> {
+    /// The same by as many paths a point as are asked for, a power of two of at least 4.
+    pub(super) fn by_paths(
+        &self,
+        lamps: &[SunLight],
+        points: &[SurfacePoint],
+        paths: u32,
+        seed: u64,
+    ) -> Result<Reflected> {
         let Self { volume, pyramid, geometry, isovalue, .. } = *self;
         // Of an albedo that nears 0 nothing is reflected twice, and what is left is in proportion to it.
         let (albedo, factor) =
             if self.reflects { (self.albedo, [1.0; 3]) } else { ([FAINT; 3], self.albedo.map(|a| a / FAINT)) };
         // Luminaires and what media send out are in the transfer.
         let scales = vec![[0.0; 3]; geometry.luminaires().len()];
-        let settings = SceneReference { scales, ..SceneReference::new(paths, albedo, SEED) };
+        let settings = SceneReference { scales, ..SceneReference::new(paths, albedo, seed) };
         let source = Lamps::new(lamps, None);
         let (found, counts) = direct(volume, pyramid, Some(geometry), isovalue, points, &[&source], &settings)?;
         let found = found.into_iter().next().unwrap_or_default();
@@ -111,15 +119,16 @@ impl Session<'_> {
     /// # Errors
     /// When lamps cannot be lit apart there: the store is of walls whose shapes are not known, or they are such that paths do not find
     /// lamps.
-    pub(super) fn around(&self, number: usize) -> Result<Option<Cow<'_, Geometry>>> {
+    pub(super) fn around(&self, number: usize) -> Result<Option<&Geometry>> {
         let refuse = |found: String, remedy: &str| {
             Err(Error::argument("sun split", found, "an environment whose lamps stay in it", remedy))
         };
-        let store = self.members()[number].store();
-        let Some(identity) = &store.identity().scene else { return Ok(None) };
-        let around = match &identity.coupling {
-            None => self.geometry().map(Cow::Borrowed),
-            Some(coupling) => self.beside(coupling)?.map(Cow::Owned),
+        let Some(identity) = &self.members()[number].store().identity().scene else { return Ok(None) };
+        let around = match identity.coupling {
+            None => self.geometry(),
+            Some(_) => {
+                self.beside.get_or_init(|| self.members().iter().map(|of| self.beside(of)).collect())[number].as_ref()
+            }
         };
         match around.filter(|geometry| geometry.fingerprint() == identity.fingerprint) {
             None => {
@@ -133,21 +142,29 @@ impl Session<'_> {
         }
     }
 
-    /// Walls with the other members that are beside one; `None` where one of these was only lent.
-    fn beside(&self, coupling: &CouplingIdentity) -> Result<Option<Geometry>> {
+    /// Walls with the volumes that are beside that of a member: other members, or volumes of its store. `None` where it was baked alone, or
+    /// one of them cannot be read.
+    fn beside(&self, of: &Member<'_>) -> Option<Geometry> {
         let partner = |known: &PartnerIdentity| {
-            let member = self.members().iter().find(|member| member.name() == known.name)?;
-            let (volume, pyramid) = member.shared()?;
+            let member = self.members().iter().find(|member| member.name() == known.name);
+            let (volume, pyramid) = match member.and_then(Member::shared) {
+                Some(shared) => shared,
+                None => {
+                    let volume = Arc::new(of.store().of_volume(&known.name).ok()?.volume().ok()?);
+                    let pyramid = Arc::new(Pyramid::new(&volume));
+                    (volume, pyramid)
+                }
+            };
             let isovalue = IsovalueMap::from_knots(known.isovalues.clone());
             Some(Partner { name: known.name.clone(), volume, pyramid, isovalue, tint: known.tint })
         };
-        let Some(partners) = coupling.partners.iter().map(partner).collect::<Option<Vec<_>>>() else { return Ok(None) };
+        let CouplingIdentity { coupling, name, place, tint, partners } = coupling_of(of.store())?.clone();
+        let partners = partners.iter().map(partner).collect::<Option<Vec<_>>>()?;
         let walls = match self.geometry() {
             Some(geometry) => geometry.clone(),
-            None => Geometry::new(Vec::new(), Vec::new(), 1.0)?,
+            None => Geometry::new(Vec::new(), Vec::new(), 1.0).ok()?,
         };
-        let CouplingIdentity { coupling, name, place, tint, .. } = coupling.clone();
-        walls.with_partners(Among { name, place, coupling, tint }, partners).map(Some)
+        walls.with_partners(Among { name, place, coupling, tint }, partners).ok()
     }
 }
 

@@ -35,12 +35,17 @@ pub(super) struct OfSuns {
 impl OfSuns {
     /// Root mean square of their noise over vertices and channels.
     pub(super) fn noise(&self, suns: &[SunLight], material: &Material) -> f64 {
-        let direct = suns.iter().zip(&self.seen).map(|(sun, seen)| {
-            let square = material.sun_factor(sun.flux).iter().map(|&f| f64::from(f).powi(2)).sum::<f64>() / 3.0;
-            square * seen.variance.iter().map(|&v| f64::from(v)).sum::<f64>()
-        });
-        let reflected = self.reflected.channel_variance.iter().map(|&v| f64::from(v)).sum::<f64>();
-        ((direct.sum::<f64>() + reflected) / self.reflected.radiance.len().max(1) as f64).sqrt()
+        let factors: Vec<[f64; 3]> = suns.iter().map(|sun| material.sun_factor(sun.flux).map(f64::from)).collect();
+        let vertices = self.reflected.radiance.len();
+        ((0..vertices).map(|v| self.variance_at(v, &factors)).sum::<f64>() / vertices.max(1) as f64).sqrt()
+    }
+
+    /// Mean of the variances of the channels at a vertex; of each lamp what its visible cosine brings.
+    pub(super) fn variance_at(&self, vertex: usize, factors: &[[f64; 3]]) -> f64 {
+        let square = |factor: &[f64; 3]| factor.iter().map(|f| f * f).sum::<f64>() / 3.0;
+        let each = factors.iter().zip(&self.seen);
+        let direct = each.map(|(factor, seen)| square(factor) * f64::from(seen.variance[vertex])).sum::<f64>();
+        direct + f64::from(self.reflected.channel_variance[vertex])
     }
 }
 

@@ -83,7 +83,7 @@ use crate::transfer::store::Store;
 use crate::volume::Volume;
 use crate::volume::isovalue::Chosen;
 use member::{Held, coupling_of, partnered};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// The volumes of a store, ready for surfaces to be lit: the one that stands alone, or all that were baked together.
 pub struct Session<'a> {
@@ -91,6 +91,8 @@ pub struct Session<'a> {
     members: Vec<Member<'a>>,
     up: Up,
     geometry: Option<Held<'a, Geometry>>,
+    // What stands around each member that was baked among others, where that is known.
+    beside: OnceLock<Vec<Option<Geometry>>>,
 }
 
 impl Session<'static> {
@@ -109,13 +111,13 @@ impl Session<'static> {
     #[doc(hidden)]
     pub fn sharing(store: Store, volume: Arc<Volume>, pyramid: Arc<Pyramid>) -> Self {
         let up = volume.up;
-        Self { members: vec![Member::sharing(store, volume, pyramid)], up, geometry: None }
+        Self { members: vec![Member::sharing(store, volume, pyramid)], up, geometry: None, beside: OnceLock::new() }
     }
 
     /// As [`Session::with_geometry`], of walls and luminaires that become the session's own.
     #[must_use]
     pub fn with_own_geometry(self, geometry: Option<Geometry>) -> Self {
-        Self { geometry: geometry.map(|geometry| Held::Own(Box::new(geometry))), ..self }
+        Self { geometry: geometry.map(|geometry| Held::Own(Box::new(geometry))), beside: OnceLock::new(), ..self }
     }
 }
 
@@ -153,7 +155,7 @@ impl<'a> Session<'a> {
 
     fn of_members(members: Vec<Member<'a>>) -> Result<Self> {
         match members.first() {
-            Some(first) => Ok(Self { up: first.volume().up, members, geometry: None }),
+            Some(first) => Ok(Self { up: first.volume().up, members, geometry: None, beside: OnceLock::new() }),
             None => Err(Error::argument("store", "no volume", "at least one", "bake it again")),
         }
     }
@@ -161,7 +163,12 @@ impl<'a> Session<'a> {
     /// One volume alone, which has been read already, with the pyramid over it: that of a store, or the same samples as
     /// a file had them. Of volumes that were baked together the others are left out.
     pub fn alone(store: &'a Store, volume: &'a Volume, pyramid: &'a Pyramid) -> Self {
-        Self { members: vec![Member::of_parts(store, volume, pyramid)], up: volume.up, geometry: None }
+        Self {
+            members: vec![Member::of_parts(store, volume, pyramid)],
+            up: volume.up,
+            geometry: None,
+            beside: OnceLock::new(),
+        }
     }
 
     /// The same with another axis that points up: it turns environments, views, and what is written.
@@ -173,7 +180,7 @@ impl<'a> Session<'a> {
     /// The same with walls and luminaires in its pictures: a store holds what they do to light, and not their shapes.
     #[must_use]
     pub fn with_geometry(self, geometry: Option<&'a Geometry>) -> Self {
-        Self { geometry: geometry.map(Held::Lent), ..self }
+        Self { geometry: geometry.map(Held::Lent), beside: OnceLock::new(), ..self }
     }
 
     /// The volumes; isovalues without a name are those of the first.

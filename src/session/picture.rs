@@ -157,6 +157,9 @@ impl LitTexels<'_> {
     }
 }
 
+/// What lamps bring to the vertices of a mesh.
+type OfLamps<'a> = Option<(&'a TriangleIndex<'a>, &'a [[f32; 3]])>;
+
 /// A surface and a camera.
 struct Stage<'a> {
     texels: &'a LitTexels<'a>,
@@ -323,7 +326,7 @@ impl<'a> Stage<'a> {
     fn seen(
         &self,
         (part, member): (&Part, &Member<'_>),
-        (contracted, reflected): (&Contracted, Option<(&TriangleIndex<'_>, &[[f32; 3]])>),
+        (contracted, reflected): (&Contracted, OfLamps<'_>),
         (camera, options): (&Camera, &RenderOptions),
         (origin, direction): (DVec3, DVec3),
     ) -> Option<([f32; 3], f64)> {

@@ -155,7 +155,7 @@ impl<'s> Surface<'s> {
             let (mesh, triangles) = (part.isosurface.mesh(), &part.all_triangles());
             let (volume, pyramid, isovalue) = (member.volume(), member.pyramid(), part.isosurface.isovalue());
             if let Some(geometry) = self.session.around(number)? {
-                let (geometry, albedo) = (&*geometry, material.albedo);
+                let albedo = material.albedo;
                 let among = AmongOthers { volume, pyramid, geometry, isovalue, albedo, reflects };
                 let places = (&*mesh.positions_in_grid, &*mesh.normals);
                 let reflected = among.lit(&lighting.suns, places, contracted.noise.mean_radiance)?;
