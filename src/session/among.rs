@@ -63,7 +63,7 @@ impl AmongOthers<'_> {
         let allowed = (MOST_OF_ALL / count as u64).clamp(FEWEST_PATHS.into(), MOST_PATHS.into()) as u32;
         let (mut paths, mut tried) = (FEWEST_PATHS, 0);
         while 2 * paths <= allowed {
-            let trial = self.by_paths(lamps, &some, paths, SEED)?;
+            let trial = self.by_paths(lamps, &some, &SceneReference::new(paths, self.albedo, SEED))?;
             tried += trial.rays;
             let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / some.len() as f64;
             let radiance = mean(&mut trial.radiance.iter().flatten().map(|&v| f64::from(v))) / 3.0;
@@ -73,17 +73,16 @@ impl AmongOthers<'_> {
             }
             paths *= 2;
         }
-        let found = self.by_paths(lamps, &points, paths, SEED)?;
+        let found = self.by_paths(lamps, &points, &SceneReference::new(paths, self.albedo, SEED))?;
         Ok(Reflected { rays: found.rays + tried, ..found })
     }
 
-    /// The same by as many paths a point as are asked for, a power of two of at least 4.
+    /// The same by the paths of some settings, of which luminaires have no part.
     pub(super) fn by_paths(
         &self,
         lamps: &[SunLight],
         points: &[SurfacePoint],
-        paths: u32,
-        seed: u64,
+        settings: &SceneReference,
     ) -> Result<Reflected> {
         let Self { volume, pyramid, geometry, isovalue, .. } = *self;
         // Of an albedo that nears 0 nothing is reflected twice, and what is left is in proportion to it.
@@ -91,7 +90,7 @@ impl AmongOthers<'_> {
             if self.reflects { (self.albedo, [1.0; 3]) } else { ([FAINT; 3], self.albedo.map(|a| a / FAINT)) };
         // Luminaires and what media send out are in the transfer.
         let scales = vec![[0.0; 3]; geometry.luminaires().len()];
-        let settings = SceneReference { scales, ..SceneReference::new(paths, albedo, seed) };
+        let settings = SceneReference { scales, albedo, ..settings.clone() };
         let source = Lamps::new(lamps, None);
         let (found, counts) = direct(volume, pyramid, Some(geometry), isovalue, points, &[&source], &settings)?;
         let found = found.into_iter().next().unwrap_or_default();
@@ -102,7 +101,7 @@ impl AmongOthers<'_> {
             radiance: found.iter().map(|r| scaled(r.mean).map(|v| v as f32)).collect(),
             variance: found.iter().map(|r| together(scaled(r.stderr))).collect(),
             channel_variance: found.iter().map(|r| square(scaled(r.stderr))).collect(),
-            rays_each: paths,
+            rays_each: settings.paths,
             rays: counts.path_rays + counts.light_rays,
         })
     }

@@ -10,17 +10,16 @@ use crate::relight::{ErrorTerm, LookupReport, Lookups, Scene, TotalError, Triang
 use crate::scene::geometry::Geometry;
 use crate::transfer::checks::CheckPoints;
 use crate::transfer::{BRICK, Lattice, Selection};
-use crate::transport::SurfacePoint;
+use crate::transport::{SceneReference, SurfacePoint};
 use glam::Vec3;
 
 /// Pixels across of the image that truncation is measured against: about 6°, the spacing of some hundreds of directions.
 const PIXELS: usize = 64;
 /// Check points nearest in isovalue that count, of those of all isovalues.
 const NEAREST: usize = 256;
-/// Vertices at which lamps that are lit apart are held against paths, about, and the paths of each half: their noise in the mean
-/// square is that of a path over 2^12.
+/// Vertices at which lamps that are lit apart are held against paths, about, and the paths of each half.
 const LAMP_POINTS: usize = 256;
-const LAMP_PATHS: u32 = 512;
+const LAMP_PATHS: u32 = 1024;
 
 impl Lit<'_> {
     /// The same with [`Lit::total_error`]: how far the colours are from exact light transport on the surface, estimated from the
@@ -121,12 +120,12 @@ impl Lit<'_> {
 }
 
 impl Lit<'_> {
-    /// Mean squares over the channels of what lamps that are lit apart are off at some vertices, beyond their noise: products of the
-    /// differences to two halves of paths. None among walls and other volumes, where paths light them.
+    /// Mean squares over the channels of what the light that is reflected of lamps is off at some vertices, beyond its noise: products of
+    /// the differences to two halves of paths. None among walls and other volumes, where paths light them.
     fn off_by_lamps(&self, number: usize, part: &Part, member: &Member<'_>) -> Result<Vec<f64>> {
         let (lamps, material) = (&self.texels.lighting.suns, &self.texels.material);
         let suns = match &self.texels.suns[number] {
-            Some(suns) if !suns.seen.is_empty() && !member.store().identity().estimator.ignores_shadows() => suns,
+            Some(suns) if !suns.seen.is_empty() && suns.reflected.rays > 0 => suns,
             _ => return Ok(Vec::new()),
         };
         let (isosurface, mesh) = (&part.isosurface, part.isosurface.mesh());
@@ -140,19 +139,21 @@ impl Lit<'_> {
             geometry: &Geometry::new(Vec::new(), Vec::new(), 1.0)?,
             isovalue: isosurface.isovalue(),
             albedo: material.albedo,
-            reflects: isosurface.transfer().unwrap_or(member.store()).layout().layers.len() > 1,
+            reflects: true,
         };
-        let a = among.by_paths(lamps, &points, LAMP_PATHS, 1)?;
-        let b = among.by_paths(lamps, &points, LAMP_PATHS, 2)?;
-        let factors: Vec<[f64; 3]> = lamps.iter().map(|lamp| material.sun_factor(lamp.flux).map(f64::from)).collect();
+        // Direct light is by rays, which are no matter of bias.
+        let half = |seed: u64| {
+            let settings = SceneReference { distant_from: 1, ..SceneReference::new(LAMP_PATHS, material.albedo, seed) };
+            among.by_paths(lamps, &points, &settings)
+        };
+        let (a, b) = (half(1)?, half(2)?);
+        let reflected = &suns.reflected;
         let off = |(i, &v): (usize, &usize)| {
             let square = (0..3).map(|c| {
-                let each = factors.iter().zip(&suns.seen);
-                let direct = each.map(|(factor, seen)| factor[c] * f64::from(seen.lit[v])).sum::<f64>();
-                let found = direct + f64::from(suns.reflected.radiance[v][c]);
-                (found - f64::from(a.radiance[i][c])) * (found - f64::from(b.radiance[i][c]))
+                let [found, a, b] = [reflected.radiance[v], a.radiance[i], b.radiance[i]].map(|r| f64::from(r[c]));
+                (found - a) * (found - b)
             });
-            square.sum::<f64>() / 3.0 - suns.variance_at(v, &factors)
+            square.sum::<f64>() / 3.0 - f64::from(reflected.channel_variance[v])
         };
         Ok(some.iter().enumerate().map(off).collect())
     }

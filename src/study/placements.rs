@@ -216,6 +216,7 @@ impl Route<'_> {
             scales: Vec::new(),
             samples_luminaires: true,
             sees_through_backs: false,
+            distant_from: 0,
             seed,
         };
         let (found, counts) =
