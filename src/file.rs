@@ -5,12 +5,17 @@
 //! fill the memory from `/dev/zero`. Knows nothing of formats.
 
 use crate::error::{Error, Result};
+use memmap2::{Mmap, MmapOptions};
 use std::fs::{File, Metadata};
-use std::io::Read;
+use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
 
 /// Most bytes that are read of a file as a whole, 2^36.
 pub const MOST_BYTES: u64 = 1 << 36;
+
+/// Files up to this size are read, longer ones mapped: a map costs more than a copy of 64 KiB.
+pub(crate) const MAP_ABOVE: u64 = 64 << 10;
 
 /// Opens a plain file; its length in bytes.
 ///
@@ -65,6 +70,95 @@ pub fn read(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>> {
         return Err(too_long(format!("more than {most} bytes")));
     }
     Ok(bytes)
+}
+
+/// Maps a part of a file for reading.
+///
+/// This is the one unsafe function for files. A map is sound as long as nobody truncates or writes the file in place while it
+/// is in use. No code of ours does: files are written beside their place and renamed over the old one, of which a map keeps
+/// the bytes. (A system that forbids to replace a mapped file, as Windows does, answers a rewrite with an error and leaves the
+/// old file.) Should another program truncate a mapped file, the system ends the process with SIGBUS; should one change its
+/// bytes, a reader sees other numbers: a bake asks for the [`Stamp`] before it writes. All mapped bytes are used as plain
+/// integers, f16 and f32, for which every bit pattern is a value. Volumes of users are mapped only where that was asked for.
+///
+/// # Errors
+/// When the system has no room for another map, or forbids it.
+#[allow(unsafe_code)]
+pub(crate) fn map(file: &File, offset: u64, length: usize) -> io::Result<Mmap> {
+    // SAFETY: as argued above.
+    unsafe { MmapOptions::new().offset(offset).len(length).map(file) }
+}
+
+/// An open plain file and what messages call it.
+#[derive(Clone, Debug)]
+pub(crate) struct Plain {
+    file: Arc<File>,
+    path: PathBuf,
+}
+
+impl Plain {
+    /// A file that was opened at `path`.
+    pub(crate) fn new(file: File, path: impl Into<PathBuf>) -> Self {
+        Self { file: Arc::new(file), path: path.into() }
+    }
+
+    /// Where it was opened.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What it is now.
+    ///
+    /// # Errors
+    /// When the system does not say.
+    pub(crate) fn stamp(&self) -> io::Result<Stamp> {
+        self.file.metadata().map(|metadata| Stamp::of(&metadata))
+    }
+
+    /// [`map`] of a part that it has; none where it ends before, or the system has no room.
+    pub(crate) fn map(&self, offset: u64, length: usize) -> Option<Mmap> {
+        let end = offset.checked_add(length as u64)?;
+        if self.stamp().ok()?.bytes < end { None } else { map(&self.file, offset, length).ok() }
+    }
+
+    /// Goes to a byte of it.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub(crate) fn go_to(&self, offset: u64) -> io::Result<()> {
+        (&*self.file).seek(SeekFrom::Start(offset)).map(drop)
+    }
+}
+
+impl Read for Plain {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        (&*self.file).read(out)
+    }
+}
+
+/// What tells without a look at its bytes that a file is still the one it was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Stamp {
+    /// Its length.
+    pub(crate) bytes: u64,
+    /// When it was last written: nanoseconds since 1970 on Unix, 100 nanoseconds since 1601 on Windows.
+    pub(crate) modified: i64,
+}
+
+impl Stamp {
+    /// That of a file.
+    pub(crate) fn of(metadata: &Metadata) -> Self {
+        #[cfg(unix)]
+        let modified = {
+            use std::os::unix::fs::MetadataExt;
+            metadata.mtime().saturating_mul(1_000_000_000).saturating_add(metadata.mtime_nsec())
+        };
+        #[cfg(windows)]
+        let modified = std::os::windows::fs::MetadataExt::last_write_time(metadata) as i64;
+        #[cfg(not(any(unix, windows)))]
+        let modified = 0;
+        Self { bytes: metadata.len(), modified }
+    }
 }
 
 /// Where files lie that another file names.

@@ -1,5 +1,5 @@
-//! How much memory this process may have, and what sets the bound: the machine, RLIMIT_AS (`ulimit -v`), or a control group
-//! as batch systems and containers make them.
+//! How much memory this process may have, and what sets the bound: the machine, RLIMIT_AS (`ulimit -v`), RLIMIT_DATA (`ulimit -d`), or
+//! a control group as batch systems and containers make them.
 
 use crate::error::{Error, Result};
 use crate::quantity;
@@ -18,7 +18,7 @@ const UNKNOWN: u64 = 4 << 30;
 
 /// The smallest of the bounds that the system states.
 pub fn bound() -> Bound {
-    let all = [of_machine(), of_address_space(), of_control_group()];
+    let all = [of_machine(), of_address_space(), of_data(), of_control_group()];
     let unknown = Bound { bytes: UNKNOWN, set_by: "this system does not tell its memory".into() };
     all.into_iter().flatten().min_by_key(|bound| bound.bytes).unwrap_or(unknown)
 }
@@ -61,17 +61,33 @@ fn of_machine() -> Option<Bound> {
 
 #[cfg(unix)]
 fn of_address_space() -> Option<Bound> {
-    let limit = rustix::process::getrlimit(rustix::process::Resource::As).current?;
+    of_process(rustix::process::Resource::As, "VmSize:", "RLIMIT_AS, ulimit -v,")
+}
+
+/// Of memory that is no map of a file.
+#[cfg(unix)]
+fn of_data() -> Option<Bound> {
+    of_process(rustix::process::Resource::Data, "VmData:", "RLIMIT_DATA, ulimit -d,")
+}
+
+#[cfg(unix)]
+fn of_process(resource: rustix::process::Resource, field: &str, name: &str) -> Option<Bound> {
+    let limit = rustix::process::getrlimit(resource).current?;
     // What is taken already: the program, stacks, the volume, which a forecast counts again.
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmSize:"));
+    let line = status.lines().find_map(|line| line.strip_prefix(field));
     let taken = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok()).unwrap_or(0);
     let bytes = usable(limit.saturating_sub(taken.saturating_mul(1024)));
-    Some(Bound { bytes, set_by: format!("RLIMIT_AS, ulimit -v, is {}", quantity::bytes(limit as f64)) })
+    Some(Bound { bytes, set_by: format!("{name} is {}", quantity::bytes(limit as f64)) })
 }
 
 #[cfg(not(unix))]
 fn of_address_space() -> Option<Bound> {
+    None
+}
+
+#[cfg(not(unix))]
+fn of_data() -> Option<Bound> {
     None
 }
 

@@ -1,7 +1,9 @@
 //! What a bake takes of memory, before it starts.
 
+use crate::surface::straddling_cells;
 use crate::transfer::precision::bytes_of_texel as bytes_at;
 use crate::transfer::{BRICK_TEXELS, Layers, Layout, Precision};
+use crate::transport::most_in_work;
 use crate::volume::Volume;
 
 /// Bytes of one texel in a store.
@@ -9,18 +11,47 @@ pub fn bytes_of_texel(layers: &Layers) -> u64 {
     bytes_at(layers, Precision::Half) as u64
 }
 
-/// Chunks that a bake holds at a time, and twice that while they are copied into their files.
-const CHUNKS_HELD: u64 = 8;
+/// The program itself, its stacks, and what is small.
+const PROGRAM: u64 = 8 << 20;
 
-/// Bytes that a bake needs at most: the volume with its pyramid, the bounds of its blocks and its copy on the way into the store, a
-/// selection for each isosurface and two more, and the chunks in work (written and old).
-pub fn bytes_of_bake(volume: &Volume, layout: &Layout, isosurfaces: usize) -> u64 {
+/// Bytes that are held for each vertex of all surfaces: position, normal, two triangles.
+const OF_VERTEX: u64 = 48;
+
+/// Bytes of a vertex of a surface while it is extracted, beside those: what is sorted, and the order.
+const OF_VERTEX_AT_WORK: u64 = 64;
+
+/// Isosurfaces of a longer list whose vertices are counted; the others are taken to be like them.
+const MOST_COUNTED: usize = 4;
+
+/// Bytes of memory that belong to what rays are traced through: samples where they are not read in their file, ranges of blocks
+/// of 4³ cells (two f32), their cones (24 ranks of 16 bits), and the bounds of proofs (20 bytes).
+pub fn bytes_of_field(volume: &Volume) -> u64 {
+    let blocks = volume.samples().len() as u64 / 64;
+    volume.samples().bytes_owned() + blocks * (8 + 48 + 20)
+}
+
+/// Bytes that a bake of these isovalues, or of all, needs at most: the field, and what is held at one time of sets of texels (a bit
+/// each), meshes (of a bake at vertices all of them) and chunks in work, as they are and as they were.
+pub fn bytes_of_bake(volume: &Volume, layout: &Layout, isovalues: Option<&[f64]>, at_vertices: bool) -> u64 {
     let texels: u64 = layout.lattice.texels().iter().map(|&m| m as u64).product();
-    let samples = volume.samples().len() as u64;
     let chunk = 64 * BRICK_TEXELS as u64 * bytes_of_texel(&layout.layers);
-    2 * volume.samples().bytes().len() as u64
-        + samples / 6
-        + samples * 3 / 8
-        + texels / 8 * (isosurfaces as u64 + 2)
-        + 2 * CHUNKS_HELD * chunk
+    let chunks = 2 * most_in_work() as u64 * chunk;
+    let count = isovalues.map_or(1, <[f64]>::len) as u64;
+    let stride = (count as usize).div_ceil(MOST_COUNTED).max(1);
+    // As many cells as vertices: a crossed edge has four cells, a crossed cell four such edges in the mean.
+    let counted: Vec<u64> = isovalues
+        .into_iter()
+        .flat_map(|list| list.iter().step_by(stride))
+        .map(|&c| straddling_cells(volume, c).count())
+        .collect();
+    let (largest, all) = (counted.iter().max().copied().unwrap_or(0), counted.iter().sum::<u64>());
+    let bits = volume.samples().len() as u64 / 8;
+    let at_work = if at_vertices {
+        let meshes = OF_VERTEX * all * count / counted.len().max(1) as u64;
+        (2 * bits).max(meshes + chunks.max(OF_VERTEX_AT_WORK * largest))
+    } else {
+        let selections = texels / 8 * (count + 2);
+        selections + chunks.max((OF_VERTEX + OF_VERTEX_AT_WORK) * largest)
+    };
+    PROGRAM + bytes_of_field(volume) + at_work
 }

@@ -1,7 +1,7 @@
 //! A bake as asked for: what decides the store's numbers, what it takes, and the plan of its effects.
 
 use super::deal::Dealt;
-use super::memory::bytes_of_bake;
+use super::memory::{bytes_of_bake, bytes_of_field};
 use super::pending::{Pending, texels_in};
 use super::scene::bytes_of_scene_texel;
 use super::{Goal, scene};
@@ -350,11 +350,11 @@ impl<'a> Request<'a> {
     /// Bytes that the bake needs at most, groups and partners of its scene included.
     #[doc(hidden)]
     pub fn bytes_needed(&self) -> u64 {
-        let needed = bytes_of_bake(self.volume, &self.layout, self.isovalues.as_ref().map_or(1, Vec::len));
+        let needed = bytes_of_bake(self.volume, &self.layout, self.isovalues.as_deref(), self.surfaces);
         let groups = self.geometry.map_or(0, |geometry| scene::bytes_of_groups(&self.layout.layers, geometry));
         // Partners with their pyramids, as the volume itself.
         let partners = self.geometry.map_or(&[][..], Geometry::partners).iter();
-        let partners: u64 = partners.map(|p| p.volume.samples().bytes().len() as u64 / 4 * 5).sum();
+        let partners: u64 = partners.map(|p| bytes_of_field(&p.volume)).sum();
         // 16 chunks of 32³ texels are held.
         needed + partners + groups * (16 << 15)
     }
@@ -375,6 +375,7 @@ impl<'a> Request<'a> {
     pub fn check(&self) -> Result<()> {
         self.goal.check()?;
         self.settings.check()?;
+        self.volume.check_reference()?;
         if self.isovalues.as_ref().is_some_and(Vec::is_empty) {
             let expected = "one isovalue at least, or no list for all of them";
             return Err(Error::argument("isovalues", "an empty list", expected, "leave the list out to bake all"));

@@ -28,6 +28,7 @@ use std::sync::atomic::Ordering;
 pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observer) -> Result<(Store, Report)> {
     let (job, path) = (request, path.as_ref());
     job.check()?;
+    Store::recognise(path, job.volume);
     let pyramid = Pyramid::new(job.volume);
     let is_joint = job.geometry.is_some_and(|geometry| geometry.among().is_some());
     let provenance = match StoreOptions::knows(path, job.volume) {
@@ -124,10 +125,10 @@ fn fill_surfaces(
         let dealt = dealt.next();
         let of_surface = Request { specular: photons.as_ref(), dealt: dealt.as_ref(), ..of_surface };
         fill(&of_surface, pyramid, &surface, observer, report)?;
-        let SurfacePoints { isovalue, positions_in_grid, normals, .. } = points.clone();
+        let SurfacePoints { isovalue, positions_in_grid, normals, .. } = points;
         let mesh = Mesh { positions_in_grid, normals, triangles };
         let job = &Request { specular: photons.as_ref(), ..job.clone() };
-        add_checks(job, pyramid, &surface, Some(isovalue), &|| Ok(mesh.clone()))?;
+        add_checks(job, pyramid, &surface, Some(isovalue), || Ok(mesh))?;
     }
     Ok(())
 }
@@ -135,10 +136,10 @@ fn fill_surfaces(
 /// Draws the check points of a texture, of each isovalue asked for or of all.
 fn check_texture(job: &Request<'_>, pyramid: &Pyramid, store: &Store) -> Result<()> {
     let Some(isovalues) = &job.isovalues else {
-        return add_checks(job, pyramid, store, None, &|| Ok(Mesh::default()));
+        return add_checks(job, pyramid, store, None, || Ok(Mesh::default()));
     };
     for &isovalue in isovalues {
-        add_checks(job, pyramid, store, Some(isovalue), &|| isosurface(job.volume, pyramid, isovalue))?;
+        add_checks(job, pyramid, store, Some(isovalue), || isosurface(job.volume, pyramid, isovalue))?;
     }
     Ok(())
 }
@@ -150,7 +151,7 @@ fn add_checks(
     pyramid: &Pyramid,
     store: &Store,
     isovalue: Option<f64>,
-    mesh: &dyn Fn() -> Result<Mesh>,
+    mesh: impl FnOnce() -> Result<Mesh>,
 ) -> Result<()> {
     let is_other = job.share.is_some_and(|share| share.index != 1) || job.estimator != Estimator::Path;
     if is_other || job.settings.rays < FEWEST_CHECKED || matches!(store.checks(isovalue), Ok(Some(_))) {
@@ -361,6 +362,7 @@ fn bake_part(
             let touched = part.touched.get(&chunk).and_then(|all| all.get(i)).copied().unwrap_or(Octants::ALL);
             extent.add_part(claim.clone(), part.octants.with(touched.others()));
         }
+        job.volume.samples().check()?;
         for (store, bricks) in stores.iter().zip(groups).rev() {
             store.write_chunk(chunk, bricks, &extent)?;
         }

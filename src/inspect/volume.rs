@@ -40,7 +40,7 @@ impl Estimate {
         let data = volume.samples().bytes().len() as u64;
         let bytes = |s: Selection| data + s.bricks().len() as u64 * BRICK_TEXELS as u64 * texel;
         Ok(Self {
-            memory: bytes_of_bake(volume, &layout, 1),
+            memory: bytes_of_bake(volume, &layout, Some(&[isovalue]), true),
             all: bytes(Selection::of_all_isosurfaces(lattice, volume)),
             one: bytes(texels_of_isosurface(volume, lattice, isovalue)),
         })

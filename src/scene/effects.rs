@@ -50,6 +50,7 @@ impl FromStr for EffectSwitch {
 
     /// Reads `+name` or `-name`.
     fn from_str(text: &str) -> Result<Self> {
+        let text = text.trim();
         let (on, word) = match (text.strip_prefix('+'), text.strip_prefix('-')) {
             (Some(word), _) => (true, word),
             (_, Some(word)) => (false, word),

@@ -37,6 +37,8 @@ pub struct VolumeOptions {
     pub keep_largest: bool,
     /// Which shadows count.
     pub shadowing: Shadowing,
+    /// Whether stores name the file of its samples instead of holding a copy.
+    pub by_reference: bool,
 }
 
 impl VolumeOptions {
@@ -212,6 +214,7 @@ impl Member {
         }
         volume.up = options.up_of(volume.up)?;
         volume.shadowing = options.shadowing;
+        volume.by_reference = options.by_reference;
         let (keep_largest, side_is_given) = (options.keep_largest, options.solid.is_some());
         Ok(Self { keep_largest, side_is_given, ..Self::of(volume) })
     }

@@ -1,15 +1,16 @@
-//! A mapped file of a store that another program cuts off while it is read: an error, not a process that is gone without a
+//! A mapped file, of a store or of samples, that another program cuts off while it is read: an error, not a process that is gone without a
 //! word.
 //!
 //! The system answers a look at a page that the file no longer has with SIGBUS, in the middle of any instruction; nothing
 //! can be finished then. Files that were being written are temporary until they are whole (`staging`), so to say why and to
 //! leave is enough. The library installs no handler: a program that cannot have the signal opens its stores with
-//! [`crate::transfer::store::Store::open_unmapped`].
+//! [`crate::transfer::store::Store::open_unmapped`], and maps no volume ([`crate::volume::Choice::map`] is off there).
 
 /// What the user reads.
 #[cfg(unix)]
-const MESSAGE: &[u8] = b"error: a file of the store shrank while it was read: another program changes it. Nothing was \
-    written; look at the store with `isolume verify` and try again\n";
+const MESSAGE: &[u8] =
+    b"error: a file of the store or the volume shrank while it was read: another program changes it. \
+    Nothing was written; look at the store with `isolume verify` and try again; --no-map reads a volume at once\n";
 
 /// From now on a bus error ends the process with a message and exit code 1.
 ///

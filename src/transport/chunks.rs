@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Most chunks that are held at a time: each thread may work on another, and one is being handed on.
-pub(super) fn most_in_work() -> usize {
+pub(crate) fn most_in_work() -> usize {
     rayon::current_num_threads() + 1
 }
 

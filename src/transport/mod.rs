@@ -31,6 +31,7 @@ mod sums;
 mod tests;
 
 pub use bake::{Bake, ChunkBricks, Present, Progress, Sink, SurfacePoints, bake, bake_brick, estimates, pilot, trial};
+pub(crate) use chunks::most_in_work;
 pub use direct::{Radiance, SurfacePoint, buried, direct};
 pub use estimator::BrickOutput;
 pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};

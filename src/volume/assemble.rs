@@ -5,22 +5,24 @@
 
 use super::decode::Data;
 use super::diagnose::REPLACED;
+use super::mapped::Stored;
 use super::read::ReadHint;
-use super::{Choice, LengthUnit, Note, Samples, Series, Solid, Volume};
+use super::{Choice, LengthUnit, Note, Samples, SamplesView, Series, Solid, Volume};
 use crate::error::{Error, Result};
 use crate::geom::Affine;
 use glam::DVec3;
+use std::sync::Arc;
 
 /// Magnitudes that f32 arithmetic on samples (differences, squares of gradients) survives:
 /// a largest magnitude outside 2^±100 is rescaled.
 const SAFE_EXPONENT: i32 = 100;
 
 /// What a format reader hands over.
-pub(crate) struct Parts {
+pub(crate) struct Parts<D = Data> {
     pub(crate) format: &'static str,
     pub(crate) dims: [usize; 3],
     /// Samples, x fastest.
-    pub(crate) data: Data,
+    pub(crate) data: D,
     pub(crate) slope: f64,
     pub(crate) inter: f64,
     pub(crate) world_from_grid: Affine,
@@ -38,14 +40,17 @@ pub(crate) fn note(text: impl Into<String>, count: usize) -> Note {
 ///
 /// # Errors
 /// When no sample is finite or the scaling is not usable.
-pub(crate) fn assemble(parts: Parts, hint: &ReadHint) -> Result<Volume> {
-    let Parts { format, mut dims, mut data, mut slope, inter, world_from_grid, unit, series, mut notes } = parts;
-    let mut first = [0; 3];
+pub(crate) fn assemble(parts: Parts<impl Into<Stored>>, hint: &ReadHint) -> Result<Volume> {
+    let Parts { format, mut dims, data, mut slope, inter, world_from_grid, unit, series, mut notes } = parts;
+    let (mut data, mut first) = (data.into(), [0; 3]);
     if let Some(region) = &hint.choice.region {
         let (start, count) = region.within(dims.map(|n| n as u64))?;
         let [x, y, z] = start.map(|n| n as usize);
-        data = pick(data, x + dims[0] * (y + dims[1] * z), [1, dims[0], dims[0] * dims[1]], count.map(|n| n as usize));
-        (first, dims) = (start, count.map(|n| n as usize));
+        let count = count.map(|n| n as usize);
+        if count != dims {
+            data = data.pick(x + dims[0] * (y + dims[1] * z), [1, dims[0], dims[0] * dims[1]], count);
+        }
+        (first, dims) = (start, count);
     }
     let (world_from_grid, unit) = place(world_from_grid, unit, first, &hint.choice)?;
     if !(slope.is_finite() && inter.is_finite() && slope != 0.0) {
@@ -60,45 +65,50 @@ pub(crate) fn assemble(parts: Parts, hint: &ReadHint) -> Result<Volume> {
     // largest raw samples.
     let replace_by_smallest = (hint.solid == Solid::Above) == (slope > 0.0);
     let samples = match data {
-        Data::U8(v) => Samples::U8(v),
-        Data::I8(v) => Samples::I8(v),
-        Data::U16(v) => Samples::U16(v),
-        Data::I16(v) => Samples::I16(v),
-        Data::U32(v) => narrow_integers(&v, "uint32", &mut notes),
-        Data::I32(v) => narrow_integers(&v, "int32", &mut notes),
-        Data::U64(v) => narrow_integers(&v, "uint64", &mut notes),
-        Data::I64(v) => narrow_integers(&v, "int64", &mut notes),
-        Data::F32(mut v) => {
-            let largest = replace_non_finite(&mut v, format, replace_by_smallest, &mut notes)?;
-            if let Some(exponent) = rescaling(largest) {
-                let factor = power_of_two(-exponent);
-                v.iter_mut().for_each(|s| *s = (f64::from(*s) * factor) as f32);
-                slope *= power_of_two(exponent);
-                notes.push(rescaled(exponent, v.len()));
-            }
-            Samples::F32(v)
+        Stored::Mapped(mapped) if mapped.is_usable(|most| rescaling(most).is_none()) => {
+            Samples::Shared(Arc::new(mapped))
         }
-        Data::F64(mut v) => {
-            let largest = replace_non_finite(&mut v, format, replace_by_smallest, &mut notes)?;
-            let exponent = rescaling(largest);
-            let factor = power_of_two(-exponent.unwrap_or(0));
-            let mut rounded = 0;
-            let narrow = |s: &f64| {
-                let exact = s * factor;
-                let sample = exact as f32;
-                rounded += usize::from(f64::from(sample) != exact);
-                sample
-            };
-            let samples = v.iter().map(narrow).collect();
-            if let Some(exponent) = exponent {
-                slope *= power_of_two(exponent);
-                notes.push(rescaled(exponent, v.len()));
+        data => match data.decoded(format)? {
+            Data::U8(v) => Samples::U8(v),
+            Data::I8(v) => Samples::I8(v),
+            Data::U16(v) => Samples::U16(v),
+            Data::I16(v) => Samples::I16(v),
+            Data::U32(v) => narrow_integers(&v, "uint32", &mut notes),
+            Data::I32(v) => narrow_integers(&v, "int32", &mut notes),
+            Data::U64(v) => narrow_integers(&v, "uint64", &mut notes),
+            Data::I64(v) => narrow_integers(&v, "int64", &mut notes),
+            Data::F32(mut v) => {
+                let largest = replace_non_finite(&mut v, format, replace_by_smallest, &mut notes)?;
+                if let Some(exponent) = rescaling(largest) {
+                    let factor = power_of_two(-exponent);
+                    v.iter_mut().for_each(|s| *s = (f64::from(*s) * factor) as f32);
+                    slope *= power_of_two(exponent);
+                    notes.push(rescaled(exponent, v.len()));
+                }
+                Samples::F32(v)
             }
-            if rounded > 0 {
-                notes.push(note("float64 samples were rounded to float32", rounded));
+            Data::F64(mut v) => {
+                let largest = replace_non_finite(&mut v, format, replace_by_smallest, &mut notes)?;
+                let exponent = rescaling(largest);
+                let factor = power_of_two(-exponent.unwrap_or(0));
+                let mut rounded = 0;
+                let narrow = |s: &f64| {
+                    let exact = s * factor;
+                    let sample = exact as f32;
+                    rounded += usize::from(f64::from(sample) != exact);
+                    sample
+                };
+                let samples = v.iter().map(narrow).collect();
+                if let Some(exponent) = exponent {
+                    slope *= power_of_two(exponent);
+                    notes.push(rescaled(exponent, v.len()));
+                }
+                if rounded > 0 {
+                    notes.push(note("float64 samples were rounded to float32", rounded));
+                }
+                Samples::F32(samples)
             }
-            Samples::F32(samples)
-        }
+        },
     };
     let mut volume = Volume::new(dims, samples, world_from_grid)?.with_scaling(slope, inter)?;
     volume.name = hint.name.clone();
@@ -258,6 +268,18 @@ pub(crate) fn pick(data: Data, first: usize, stride: [usize; 3], dims: [usize; 3
         };
     }
     each!(U8, I8, U16, I16, U32, I32, U64, I64, F32, F64)
+}
+
+/// [`pick`] of samples that are not owned.
+pub(crate) fn pick_of(samples: SamplesView, first: usize, stride: [usize; 3], dims: [usize; 3]) -> Data {
+    macro_rules! each {
+        ($($variant:ident),*) => {
+            match samples {
+                $(SamplesView::$variant(s) => Data::$variant(gather(s.get(first..).unwrap_or_default(), dims, stride)),)*
+            }
+        };
+    }
+    each!(U8, I8, U16, I16, F32)
 }
 
 /// a·first + b·second, rounded to the type of the samples; those of 64 bits are the first.

@@ -206,6 +206,9 @@ pub struct Choice {
     pub allow_gaps: bool,
     /// Whether files may be read that lie outside the folder of the file that names them.
     pub allow_outside: bool,
+    /// Whether samples may be read where they lie in their file instead of being copied into memory; see [`crate::file`] for
+    /// what happens when another program changes the file meanwhile.
+    pub map: bool,
     /// Whether the first of several channels, or arrays, is taken where none is chosen: for a list of what there is.
     pub any_channel: bool,
 }

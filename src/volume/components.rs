@@ -3,6 +3,7 @@
 use super::{Sample, Samples, SamplesView, Solid, Volume};
 use crate::error::Result;
 use crate::grid3;
+use std::sync::OnceLock;
 
 /// What was taken away.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -46,7 +47,7 @@ impl Volume {
         let (samples, removed) = masked!(U8: u8, I8: i8, U16: u16, I16: i16, F32: f32);
         let Some(samples) = samples else { return Ok((self, removed)) };
         let raw_range = samples.raw_range();
-        Ok((Self { samples, raw_range, ..self }, removed))
+        Ok((Self { samples, raw_range, hash: OnceLock::new(), ..self }, removed))
     }
 
     /// The outermost of some isovalues: its solid holds those of all others.

@@ -3,6 +3,7 @@
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
+use super::Samples;
 use super::read::ReadHint;
 use super::source::Source;
 use crate::error::{Error, Result};
@@ -86,6 +87,18 @@ pub enum Data {
 }
 
 impl Data {
+    /// The samples of a type that volumes hold.
+    pub(super) fn samples(self) -> Option<Samples> {
+        Some(match self {
+            Self::U8(v) => Samples::U8(v),
+            Self::I8(v) => Samples::I8(v),
+            Self::U16(v) => Samples::U16(v),
+            Self::I16(v) => Samples::I16(v),
+            Self::F32(v) => Samples::F32(v),
+            _ => return None,
+        })
+    }
+
     /// The samples as numbers; large integers are rounded.
     pub(crate) fn numbers(&self) -> Vec<f64> {
         macro_rules! each {
@@ -183,7 +196,7 @@ fn truncated(format: &'static str, kind: Type, found: usize, count: usize) -> Er
     )
 }
 
-fn no_memory(format: &'static str, bytes: usize) -> Error {
+pub(super) fn no_memory(format: &'static str, bytes: usize) -> Error {
     Error::Limit {
         what: format!("the volume of this {format} file"),
         needed: format!("another {bytes} bytes of memory"),

@@ -26,6 +26,7 @@ pub mod field;
 mod foreign;
 mod format;
 pub mod isovalue;
+mod mapped;
 #[doc(hidden)]
 pub mod open;
 #[doc(hidden)]
@@ -37,6 +38,7 @@ mod zarr;
 pub use choice::{Channel, Choice, Level, MOST_AUTO, Region, Series, Spacing};
 pub use components::Removed;
 pub use isovalue::Isovalue;
+pub(crate) use mapped::samples_at;
 pub use open::{open, open_with};
 pub use read::{ReadHint, read};
 
@@ -44,7 +46,9 @@ use crate::error::{Error, Result};
 use crate::geom::{Affine, Bounds, Up};
 use glam::{DVec3, Vec4};
 use rayon::prelude::*;
-use std::sync::Arc;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use std::sync::{Arc, OnceLock};
 
 /// Which side of the level set is matter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,6 +82,33 @@ pub enum Samples {
 pub trait SampleOwner: Send + Sync + std::fmt::Debug {
     /// The samples: the same, at the same place, as long as it lives.
     fn view(&self) -> SamplesView<'_>;
+
+    /// Where in a file they are read, if they are: then they lie in the cache of the system and take no memory of this process.
+    fn place(&self) -> Option<Place> {
+        None
+    }
+
+    /// Refuses samples that another program has changed since.
+    ///
+    /// # Errors
+    /// With the name of their file.
+    fn check(&self) -> Result<()> {
+        Ok(())
+    }
+}
+
+/// Where samples lie in a file: all of them, one after the other, as a volume holds them.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[doc(hidden)]
+pub struct Place {
+    /// The file.
+    pub file: PathBuf,
+    /// Its first byte that is one of a sample.
+    pub offset: u64,
+    /// Its length, and
+    pub bytes: u64,
+    /// when it was last written, as the system counts: nanoseconds since 1970 on Unix.
+    pub modified: i64,
 }
 
 /// Samples to be read, by their type.
@@ -219,10 +250,49 @@ impl Samples {
         with_samples!(self, s => range(s))
     }
 
+    /// Bytes of memory that they take of this process: none of samples that are read in their file.
+    #[doc(hidden)]
+    pub fn bytes_owned(&self) -> u64 {
+        match self {
+            Self::Shared(owner) if owner.place().is_some() => 0,
+            _ => self.bytes().len() as u64,
+        }
+    }
+
+    /// Where in a file they are read, if they are.
+    #[doc(hidden)]
+    pub fn place(&self) -> Option<Place> {
+        match self {
+            Self::Shared(owner) => owner.place(),
+            _ => None,
+        }
+    }
+
+    /// Refuses samples whose file another program has changed since it was opened.
+    ///
+    /// # Errors
+    /// With the name of the file.
+    #[doc(hidden)]
+    pub fn check(&self) -> Result<()> {
+        match self {
+            Self::Shared(owner) => owner.check(),
+            _ => Ok(()),
+        }
+    }
+
     /// The samples as bytes in native (little-endian on every supported machine) order.
     pub fn bytes(&self) -> &[u8] {
         with_samples!(self, s => bytemuck::cast_slice(s))
     }
+}
+
+/// The largest magnitude of samples; none where one is not finite.
+fn largest_finite(samples: &[f32]) -> Option<f32> {
+    let of_part =
+        |part: &[f32]| part.iter().fold((0.0f32, true), |(most, all), v| (most.max(v.abs()), all & v.is_finite()));
+    let parts: Vec<(f32, bool)> = samples.par_chunks(PART).map(of_part).collect();
+    let (most, all) = parts.iter().fold((0.0f32, true), |(most, all), part| (most.max(part.0), all & part.1));
+    all.then_some(most)
 }
 
 /// The physical unit of world coordinates.
@@ -291,6 +361,8 @@ pub struct Volume {
     inter: f64,
     world_from_grid: Affine,
     raw_range: (f32, f32),
+    // Of what stands above, once somebody has asked for it.
+    hash: OnceLock<String>,
     /// A short name for reports and stores, such as the file's stem.
     pub name: String,
     /// Unit of world coordinates.
@@ -307,6 +379,9 @@ pub struct Volume {
     pub series: Series,
     /// What the reader noticed.
     pub notes: Vec<Note>,
+    /// Whether stores name the file of its samples instead of holding a copy of them.
+    #[doc(hidden)]
+    pub by_reference: bool,
 }
 
 /// What is taken for granted of the shadows that a level set casts on itself.
@@ -369,6 +444,7 @@ impl Volume {
             inter: 0.0,
             world_from_grid,
             raw_range,
+            hash: OnceLock::new(),
             name: "volume".into(),
             unit: LengthUnit::Unknown,
             up: Up::Z,
@@ -377,6 +453,7 @@ impl Volume {
             shadowing: Shadowing::Found,
             series: Series::default(),
             notes: Vec::new(),
+            by_reference: false,
         })
     }
 
@@ -393,7 +470,7 @@ impl Volume {
                 "correct the header of the file",
             ));
         }
-        (self.slope, self.inter) = (slope, inter);
+        (self.slope, self.inter, self.hash) = (slope, inter, OnceLock::new());
         Ok(self)
     }
 
@@ -463,7 +540,7 @@ impl Volume {
         match world_from_grid.filter(|_| translate.is_finite()) {
             Some(world_from_grid) => {
                 check_extent(self.dims, &world_from_grid)?;
-                Ok(Self { world_from_grid, ..self })
+                Ok(Self { world_from_grid, hash: OnceLock::new(), ..self })
             }
             None => {
                 let found = format!("a map {linear:?} and {translate:?}");
@@ -533,8 +610,30 @@ impl Volume {
     }
 
     /// BLAKE3 of everything that decides what light does: dimensions, type, samples, scaling,
-    /// affine. Not of the name, the unit, or the notes.
+    /// affine. Not of the name, the unit, or the notes. Looks at the samples once.
     pub fn content_hash(&self) -> String {
+        self.hash.get_or_init(|| self.hash_of_all()).clone()
+    }
+
+    /// Takes the word of somebody who has hashed just these samples, in this frame.
+    pub(crate) fn trust_hash(&self, hash: &str) {
+        self.hash.get_or_init(|| hash.to_owned());
+    }
+
+    /// Refuses to be kept by reference where the samples are not read in a file.
+    pub(crate) fn check_reference(&self) -> Result<()> {
+        if !self.by_reference || self.samples.place().is_some() {
+            return Ok(());
+        }
+        Err(Error::argument(
+            "--store-volume reference",
+            format!("{}, whose samples are in memory", self.name),
+            "samples that are read in their file: not compressed, x fastest, little-endian, aligned, finite, more than 64 KiB",
+            "leave it out: the store then holds a copy; or write the volume as NRRD raw or NIfTI without .gz",
+        ))
+    }
+
+    fn hash_of_all(&self) -> String {
         let mut hasher = blake3::Hasher::new();
         hasher.update(self.samples.type_name().as_bytes());
         for d in self.dims {

@@ -10,7 +10,7 @@ use super::read::{Format, ReadHint, detect, read_with};
 use super::source::Source;
 use super::{Volume, dicom, slices, zarr};
 use crate::error::{Error, Result};
-use crate::file::{Beside, open_named};
+use crate::file::{Beside, Plain, open_named};
 use std::cell::RefCell;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
@@ -73,13 +73,16 @@ pub fn open_with(path: impl AsRef<Path>, hint: &ReadHint) -> Result<Volume> {
             return open_with(named, &ReadHint { length: None, ..hint });
         }
     }
+    let maps = hint.choice.map;
     let read_too = RefCell::new(Vec::new());
     let open_beside = |name: &Path| -> Result<Source<'static>> {
         let (file, length, path) = beside.open(name)?;
+        let source = Source::of_file(Plain::new(file, &path), Some(length), maps);
         read_too.borrow_mut().push(path);
-        Ok(Source::new(file, Some(length)))
+        Ok(source)
     };
-    let volume = read_with(Source::new(file, length), &hint, Some(&open_beside)).map_err(|e| e.in_file(path));
+    let volume = read_with(Source::of_file(Plain::new(file, path), length, maps), &hint, Some(&open_beside))
+        .map_err(|e| e.in_file(path));
     volume.map(|mut volume| {
         volume.notes.extend(read_too.take().iter().map(|p| note(format!("samples were read from {}", p.display()), 1)));
         volume

@@ -4,6 +4,7 @@
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
 use crate::error::{Error, Result};
+use crate::file::Plain;
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 use std::io::{self, BufRead, Read};
 
@@ -29,12 +30,28 @@ pub(crate) struct Source<'a> {
     gzip: bool,
     /// Bytes that were consumed.
     consumed: u64,
+    /// The file whose bytes these are, from its first one on, where samples may be read in it.
+    file: Option<Plain>,
 }
 
 impl<'a> Source<'a> {
     /// A source on a stream of which the length is known or not.
     pub(crate) fn new(inner: impl Read + 'a, length: Option<u64>) -> Self {
-        Self { inner: Box::new(inner), buffer: Vec::new(), start: 0, at_most: length, gzip: false, consumed: 0 }
+        Self {
+            inner: Box::new(inner),
+            buffer: Vec::new(),
+            start: 0,
+            at_most: length,
+            gzip: false,
+            consumed: 0,
+            file: None,
+        }
+    }
+
+    /// A source on a plain file from its start; with `maps` samples may be read where they lie in it.
+    pub(crate) fn of_file(file: Plain, length: Option<u64>, maps: bool) -> Self {
+        let kept = Some(file.clone()).filter(|_| maps && length.is_some());
+        Self { file: kept, ..Self::new(file, length) }
     }
 
     /// The decompressed content of this source, which holds gzip members from here on.
@@ -69,6 +86,23 @@ impl<'a> Source<'a> {
     /// How many bytes were consumed.
     pub(crate) fn consumed(&self) -> u64 {
         self.consumed
+    }
+
+    /// The file in which samples may be read.
+    pub(super) fn file(&self) -> Option<Plain> {
+        self.file.clone()
+    }
+
+    /// Consumes `count` bytes of a file without reading them.
+    pub(super) fn jump(&mut self, count: u64) -> io::Result<()> {
+        let target = self.consumed.checked_add(count).ok_or(io::ErrorKind::InvalidInput)?;
+        if let Some(file) = &self.file {
+            file.go_to(target)?;
+        }
+        (self.start, self.consumed) = (0, target);
+        self.buffer.clear();
+        self.at_most = self.at_most.map(|n| n.saturating_sub(count));
+        Ok(())
     }
 
     /// The next `count` bytes, fewer at the end of the stream, without consuming them.
@@ -110,6 +144,9 @@ impl<'a> Source<'a> {
     /// # Errors
     /// A format error when the stream ends before.
     pub(crate) fn skip(&mut self, format: &'static str, count: u64, what: &str) -> Result<()> {
+        if self.file.is_some() && self.at_most.is_some_and(|left| count <= left) {
+            return self.jump(count).map_err(|e| Error::from_read(format, what.to_owned(), e));
+        }
         let skipped = io::copy(&mut self.by_ref().take(count), &mut io::sink())
             .map_err(|e| Error::from_read(format, what.to_owned(), e))?;
         if skipped < count {

@@ -105,7 +105,7 @@ pub const FORBIDDEN: &[Rule] = &[
     Rule {
         patterns: &["unsafe"],
         // The one map of a file into memory, the answer to a mapped file that shrinks, and arrays of NumPy that are not copied.
-        allowed: &["src/transfer/store/backing.rs", "src/signals/fault.rs", "src/python/array.rs"],
+        allowed: &["src/file.rs", "src/signals/fault.rs", "src/python/array.rs"],
         why: "unsafe code is denied but for the memory map, the signal that comes of it, and arrays of NumPy",
     },
     Rule {
@@ -218,7 +218,7 @@ pub const CRATES: &[(&str, &[&str])] = &[
     ("npyz", &["volume"]),
     ("tiff", &["volume"]),
     ("ruzstd", &["volume"]),
-    ("memmap2", &["transfer", "volume"]),
+    ("memmap2", &["file", "transfer", "volume"]),
     ("sobol_burley", &["sampling"]),
     ("base64", &["view"]),
     ("pyo3", &["python"]),

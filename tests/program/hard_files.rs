@@ -351,3 +351,56 @@ fn two_processes_on_one_output() {
     bench.run(&relight.replace("out.glb", "alone.glb"));
     assert!(both == std::fs::read(bench.path("alone.glb")).expect("read"));
 }
+
+#[test]
+fn mapped_volumes_are_those_that_are_read_and_stores_may_refer_to_them() {
+    let bench = Bench::new();
+    // A ball of 8-bit samples, more than what is read at once.
+    let (dims, radius) = ([48, 44, 40], 15.0f64);
+    let inside = |i: usize| {
+        let at = [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])];
+        let away = (0..3).map(|a| (at[a] as f64 - dims[a] as f64 / 2.0).powi(2)).sum::<f64>().sqrt();
+        (128.0 + 8.0 * (radius - away)).clamp(0.0, 255.0) as u8
+    };
+    let ball: Vec<u8> = (0..dims.iter().product()).map(inside).collect();
+    bench.write("ball.nrrd", nrrd("48 44 40", &ball));
+    bench.write("copy.nrrd", nrrd("48 44 40", &ball));
+    let below = |folder: &str| -> Vec<(PathBuf, Vec<u8>)> {
+        let root = bench.path(folder);
+        let inside = bench.all().into_iter().filter(|(path, _)| path.starts_with(&root));
+        inside.map(|(path, bytes)| (path.strip_prefix(&root).expect("below").to_path_buf(), bytes)).collect()
+    };
+    bench.run(&format!("bake ball.nrrd --isovalues 128 {BAKE} -o mapped.isolume"));
+    bench.run(&format!("bake ball.nrrd --isovalues 128 {BAKE} --no-map -o read.isolume"));
+    assert!(below("mapped.isolume") == below("read.isolume"));
+    assert!(bench.json("info ball.nrrd")["content_hash"] == bench.json("info --no-map ball.nrrd")["content_hash"]);
+    // The forecast counts samples that are read at once.
+    let memory = |more: &str| {
+        bench.json(&format!("plan ball.nrrd --isovalues 128 --rays 4 {more}"))["memory_bytes"].as_u64().expect("bytes")
+    };
+    assert_eq!(memory("--no-map") - memory(""), ball.len() as u64);
+    // A volume that the store only names: everything but the samples is as with a copy.
+    let refer = "--store-volume reference -o named.isolume";
+    bench.run(&format!("bake ball.nrrd --isovalues 128 {BAKE} {refer}"));
+    assert!(!bench.path("named.isolume/volumes/ball/data/c").exists());
+    assert!(below("named.isolume/surfaces") == below("mapped.isolume/surfaces"));
+    for store in ["named", "mapped"] {
+        bench.run(&format!("relight {store}.isolume --isovalue 128 --env studio -o {store}.ply -q"));
+    }
+    let picture = |name: &str| std::fs::read(bench.path(name)).expect("read");
+    assert!(picture("named.ply") == picture("mapped.ply"));
+    bench.run("doctor named.isolume");
+    std::fs::rename(bench.path("ball.nrrd"), bench.path("away.nrrd")).expect("renamed");
+    let relight = "relight named.isolume --isovalue 128 --env studio -o x.ply";
+    bench.refuses_line(relight, &["ball.nrrd", "--store-volume reference"]);
+    bench.command("doctor named.isolume").assert().code(1);
+    bench.write("ball.nrrd", &nrrd("48 44 40", &ball)[..50_000]);
+    bench.refuses_line(relight, &["ball.nrrd", "50000 bytes"]);
+    // The same samples, in a file that was written since.
+    std::fs::rename(bench.path("copy.nrrd"), bench.path("ball.nrrd")).expect("renamed");
+    bench.run(&format!("bake ball.nrrd --isovalues 128 {BAKE} {refer}"));
+    bench.run("doctor named.isolume");
+    // What is not there to be named is refused before any work.
+    bench.refuses_line("bake sphere:12 --store-volume reference -o x.isolume", &["--store-volume", "in memory"]);
+    bench.refuses_line("bake ball.nrrd --no-map --store-volume reference -o x.isolume", &["--store-volume"]);
+}

@@ -2,7 +2,6 @@
 
 use crate::bake::{Estimator, Quality};
 use crate::cli::args::volume::VolumeArgs;
-use crate::error::Error;
 pub(in crate::cli) use crate::quantity::{parse_bytes, parse_time};
 use crate::scene::{EffectSwitch, Effects, Fog, SceneOptions, TextureSize, Translucent, VolumeOptions};
 use crate::sh::MAX_BANDS;
@@ -32,8 +31,7 @@ pub(in crate::cli) struct TransferArgs {
     #[arg(long, value_name = "RATIO|XxYxZ")]
     pub(in crate::cli) texture: Option<TextureSize>,
     /// Switch effects of the plan on or off by hand, such as -interreflection or +shadowing,-emission (see `isolume plan`)
-    #[arg(long, value_name = "+NAME|-NAME[,…]", value_delimiter = ',', allow_hyphen_values = true,
-        value_parser = parse_effect)]
+    #[arg(long, value_name = "+NAME|-NAME[,…]", value_delimiter = ',', allow_hyphen_values = true)]
     pub(in crate::cli) effects: Vec<EffectSwitch>,
     /// Fill the box of the volume, outside the solid, with fog of this extinction per world unit, albedo [1] and mean cosine of its
     /// scattering [0], such as 0.02,0.9,0.5
@@ -73,10 +71,6 @@ pub(in crate::cli) fn parse_rays(text: &str) -> Result<u32, String> {
     } else {
         Err("give a power of two from 4 to 1048576: 16 is a preview, 64 a draft, 256 final".into())
     }
-}
-
-fn parse_effect(text: &str) -> Result<EffectSwitch, String> {
-    text.trim().parse().map_err(|e: Error| e.to_string())
 }
 
 fn parse_error(text: &str) -> Result<f32, String> {

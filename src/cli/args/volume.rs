@@ -11,7 +11,7 @@ pub(in crate::cli) struct VolumeArgs {
     #[arg(long, value_enum, value_name = "SIDE")]
     pub(in crate::cli) solid: Option<Solid>,
     /// The world axis that points up: x, y, z, -x, -y, -z [default: z]
-    #[arg(long, value_parser = parse_up, allow_hyphen_values = true, value_name = "AXIS")]
+    #[arg(long, value_parser = |axis: &str| Up::named(axis).ok_or("give one of x, y, z, -x, -y, -z"), allow_hyphen_values = true, value_name = "AXIS")]
     pub(in crate::cli) up: Option<Up>,
     /// Distance of the samples along x, y, z in place of the file's, perhaps with a unit: mm, um, nm, A, bohr
     #[arg(long, value_name = "X,Y,Z[UNIT]")]
@@ -45,6 +45,9 @@ pub(in crate::cli) struct VolumeArgs {
     /// Read files that lie outside the folder of the file that names them (NRRD `data file`, raw sidecars)
     #[arg(long)]
     pub(in crate::cli) allow_outside: bool,
+    /// Read the whole volume into memory where its samples could be read in the file, which nobody may then change meanwhile
+    #[arg(long)]
+    pub(in crate::cli) no_map: bool,
     /// Front of views and of glTF: -y of the file where z is up, or anterior [default: anatomical for NIfTI with a
     /// transform code and for NRRD with a patient's space, else grid]
     #[arg(long, value_enum, value_name = "FRAME")]
@@ -64,6 +67,7 @@ impl VolumeArgs {
             spacing: self.spacing,
             allow_gaps: self.allow_gaps,
             allow_outside: self.allow_outside,
+            map: !self.no_map,
             any_channel: false,
         };
         VolumeOptions {
@@ -75,8 +79,4 @@ impl VolumeArgs {
             ..VolumeOptions::default()
         }
     }
-}
-
-fn parse_up(axis: &str) -> Result<Up, String> {
-    Up::named(axis).ok_or_else(|| "give one of x, y, z, -x, -y, -z".into())
 }

@@ -89,6 +89,9 @@ pub(in crate::cli) struct Bake {
     /// Do not wait until the disk has what is written: faster on slow disks, but a power cut may tear chunks
     #[arg(long)]
     no_sync: bool,
+    /// Keep a copy of the volume in the store, or where the samples lie in its file, which must then stay as it is
+    #[arg(long, value_name = "HOW", value_parser = ["copy", "reference"], default_value = "copy")]
+    store_volume: String,
     /// Write damaged metadata anew even if nothing else in the store proves that it is this command's
     #[arg(long)]
     repair: bool,
@@ -175,17 +178,17 @@ impl Bake {
 
     /// Opens what is to be baked.
     fn open(&self) -> Outcome<Scene> {
-        let mut scene = self.bake.transfer.scene(&self.volume).open(&self.input, self.scene.as_ref())?;
+        let mut options = self.bake.transfer.scene(&self.volume);
+        options.volume.by_reference = self.store_volume == "reference";
+        let mut scene = options.open(&self.input, self.scene.as_ref())?;
         match &self.fixed_env {
             Some(name) => {
                 let probe = open_probe(name, false, None)?;
                 scene.fix_environment(&probe, self.env_rotate, self.env_frame)?;
             }
             None if self.env_rotate != 0.0 && self.for_env.is_none() => {
-                let expected = "an environment to turn";
-                return Err(
-                    Error::argument("--env-rotate", self.env_rotate, expected, "add --for-env or --fixed-env").into()
-                );
+                let (given, expected) = (self.env_rotate, "an environment to turn");
+                return Err(Error::argument("--env-rotate", given, expected, "add --for-env or --fixed-env").into());
             }
             None => {}
         }

@@ -95,12 +95,14 @@ impl Plan {
         }
         console.print(effects::table(&plan));
         console.print(format!(
-            "\n{} texels with a level set, {}rays, at most {} in the store",
+            "\n{} texels with a level set, {}rays, at most {} in the store and {} of memory",
             text::count(plan.valid_texels as u64),
             text::metric(plan.rays),
-            text::bytes(plan.bytes)
+            text::bytes(plan.bytes),
+            text::bytes(job.bytes_needed() as f64)
         ));
         let mut json = serde_json::to_value(&plan).unwrap_or_default();
+        json["memory_bytes"] = json!(job.bytes_needed());
         if let Some(among) = geometry.and_then(Geometry::among) {
             json["volume"] = json!(among.name);
         }

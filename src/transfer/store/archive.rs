@@ -1,7 +1,7 @@
 //! A store in a zip archive without compression: read in place, and packed from a directory. Knows nothing of Zarr and of
 //! transfer.
 
-use super::backing::{Bytes, copy, file_bytes, map_file};
+use super::backing::{Bytes, copy, file_bytes};
 use super::zarr::FORMAT;
 use crate::error::{Error, Result};
 use crate::staging;
@@ -41,7 +41,10 @@ impl Archive {
                 Error::format(FORMAT, "a file of another kind", expected, "give the path of a store").in_file(path)
             );
         }
-        let map = map_file(&file).map_err(|e| Error::io(path, "map the archive", e))?;
+        let failed = |e| Error::io(path, "map the archive", e);
+        let length = file.metadata().map_err(failed)?.len();
+        let length = usize::try_from(length).map_err(|e| failed(io::Error::other(e)))?;
+        let map = crate::file::map(&file, 0, length).map_err(failed)?;
         let entries = entries(&map).map_err(|e| e.in_file(path))?;
         Ok(Self { path: path.into(), map: Arc::new(map), entries })
     }

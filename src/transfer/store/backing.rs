@@ -1,14 +1,13 @@
 //! Where the files of a store live: a directory, or a zip of one. Keys are paths below the root
 //! with `/` between their parts. Knows nothing of Zarr and of transfer.
 //!
-//! # Why mapped files stay valid
-//! A file of a store is never written in place: its successor is written beside it and renamed
-//! over it. A map of the old file keeps the old bytes. (A system that forbids to replace a mapped
-//! file, as Windows does, answers a rewrite with an error and leaves the old file.)
+//! A file of a store is never written in place: its successor is written beside it and renamed over it, so that maps stay
+//! valid ([`crate::file::map`]).
 
 use super::archive::Archive;
 use super::zarr::FORMAT;
 use crate::error::{Error, Result};
+use crate::file::{MAP_ABOVE, map};
 use crate::staging::{self, PARTIAL};
 use memmap2::Mmap;
 use std::fs::{self, File};
@@ -18,8 +17,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tempfile::NamedTempFile;
 
-/// Files up to this size are read, longer ones mapped: a map costs more than a copy of 64 KiB.
-const MAP_ABOVE: u64 = 64 << 10;
 /// Longest metadata file that is read.
 const LONGEST_TEXT: usize = 64 << 20;
 
@@ -44,20 +41,6 @@ impl Deref for Bytes {
             Self::Copy(words, length) => &bytemuck::cast_slice(words)[..*length],
         }
     }
-}
-
-/// Maps a file for reading.
-///
-/// This is the one unsafe function of the store. A map is sound as long as nobody truncates or
-/// writes the file in place while it is in use. No code of ours does (see the module's header),
-/// and other programs have no business to write inside a store. Should one truncate a mapped
-/// file, the system ends the process with SIGBUS; should one change bytes after their checksum
-/// was verified, a reader sees other numbers. All mapped bytes are used as plain integers and
-/// f16, for which every bit pattern is a value.
-#[allow(unsafe_code)]
-pub(super) fn map_file(file: &File) -> io::Result<Mmap> {
-    // SAFETY: as argued above.
-    unsafe { Mmap::map(file) }
 }
 
 /// Reads `length` bytes into aligned memory.
@@ -173,6 +156,14 @@ impl Backing {
     /// What messages call the file of a key.
     pub fn name(&self, key: &str) -> PathBuf {
         if key.is_empty() { self.path().into() } else { self.path().join(key) }
+    }
+
+    /// Whether long files may be mapped.
+    pub fn maps(&self) -> bool {
+        match self {
+            Self::Directory(directory) => directory.maps,
+            Self::Archive(_) => true,
+        }
     }
 
     /// Whether there is a file for a key.
@@ -335,7 +326,7 @@ pub(super) fn file_bytes(file: &File, maps: bool) -> io::Result<Bytes> {
         return Err(io::Error::other("it is a directory, not a file"));
     }
     if maps && kind.len() > MAP_ABOVE {
-        match map_file(file) {
+        match map(file, 0, usize::try_from(kind.len()).map_err(io::Error::other)?) {
             Ok(map) => return Ok(Bytes::Map(map)),
             // The system bounds the number of maps (65530 on Linux); past it, copies do.
             Err(e) if e.kind() == io::ErrorKind::OutOfMemory => {}

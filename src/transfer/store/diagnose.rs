@@ -53,7 +53,7 @@ pub struct Diagnosis {
 /// When the system refuses to read a file; damage is a finding.
 pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selection) -> Result<Diagnosis> {
     let mut findings = Vec::new();
-    let volume = match store.volume() {
+    let volume = match store.volume_verified(true) {
         Ok(volume) => Some(volume),
         Err(error @ (Error::Format { .. } | Error::Argument { .. })) => {
             let handled = "relight refuses this store; the bake that made it, run again, restores the samples from the \

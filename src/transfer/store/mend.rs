@@ -127,6 +127,10 @@ fn state(backing: &Backing, file: &str, key: &str, expected: &Value, volume: &Vo
     if found == *expected {
         return Ok(State::Sound(found));
     }
+    // That of the volume at hand takes its place, or a copy.
+    if key.ends_with("/data") && volume::reference(&found).is_some_and(|place| !place.is_there()) {
+        return Ok(State::Lost("of a file that moved or changed"));
+    }
     let is_whole = match key.rsplit('/').next() {
         Some("data") => {
             let array = volume::array(volume.dims(), volume.samples().type_name());

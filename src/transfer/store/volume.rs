@@ -1,5 +1,5 @@
 //! The volume inside a store: `/volumes/<name>/data`, so that a store is complete without the
-//! file it was baked from.
+//! file it was baked from; or, where the user wants that, where the samples lie in that file.
 //!
 //! Samples stay in their native type, in chunks of 64³, not compressed. Measured: gzip level 1
 //! takes an 8-bit brain MRI (mni152_t1, 8.7 MB) to 19 % at 170 MB/s, and noisy float microscopy
@@ -11,7 +11,7 @@ use super::identity::solid_name;
 use super::zarr::{self, Array, CHECKSUM, Codec, FORMAT, METADATA_REMEDY};
 use crate::error::{Error, Result};
 use crate::geom::{Affine, Up};
-use crate::volume::{LengthUnit, Note, Samples, Solid, Volume};
+use crate::volume::{LengthUnit, Note, Place, Samples, Solid, Volume, samples_at};
 use bytemuck::Pod;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -40,6 +40,9 @@ struct Attributes {
     solid: String,
     name: String,
     notes: Vec<NoteText>,
+    /// The file that holds the samples, where the store does not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    reference: Option<Place>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -89,6 +92,7 @@ pub(super) fn metadata(volume: &Volume) -> Value {
         solid: solid_name(volume.solid).into(),
         name: volume.name.clone(),
         notes,
+        reference: volume.samples().place().filter(|_| volume.by_reference),
     };
     let attributes = super::metadata::sealed(json!(attributes));
     array(volume.dims(), volume.samples().type_name()).metadata(attributes)
@@ -134,11 +138,32 @@ fn for_each_row(
     }
 }
 
-/// Writes the samples as chunks of the array at `key`.
+/// The file that the metadata of an array names in place of its chunks.
+pub(super) fn reference(metadata: &Value) -> Option<Place> {
+    let attributes = super::metadata::unsealed(metadata).ok()?;
+    serde_json::from_value::<Attributes>(attributes).ok()?.reference
+}
+
+/// Whether the array at `key` refers to the very samples of a volume, in the same frame.
+pub(super) fn is_of(backing: &Backing, key: &str, volume: &Volume) -> bool {
+    let Ok(Some(found)) = backing.json(&format!("{key}/zarr.json")) else { return false };
+    let Ok(attributes) = super::metadata::unsealed(&found) else { return false };
+    let Ok(attributes) = serde_json::from_value::<Attributes>(attributes) else { return false };
+    attributes.reference.is_some()
+        && attributes.reference == volume.samples().place()
+        && attributes.affine == rows(volume.world_from_grid(), [1.0; 3])
+        && (attributes.slope, attributes.inter) == (volume.slope(), volume.inter())
+        && array(volume.dims(), volume.samples().type_name()).check(&found).is_ok()
+}
+
+/// Writes the samples as chunks of the array at `key`, unless it refers to their file.
 ///
 /// # Errors
 /// When the system refuses to write.
 pub(super) fn write(backing: &Backing, key: &str, volume: &Volume, sync: bool) -> Result<()> {
+    if volume.by_reference {
+        return volume.check_reference();
+    }
     for_each_chunk(volume.dims(), |index, start, size| {
         backing.put(&chunk_key(key, index), sync, &chunk_bytes(volume, start, size))
     })
@@ -155,12 +180,18 @@ fn chunk_bytes(volume: &Volume, start: [usize; 3], size: [usize; 3]) -> Vec<u8> 
     chunk
 }
 
-/// Writes those files of the array at `key` that do not hold the samples of `volume`; how many there were.
+/// Writes those files of the array at `key` that do not hold the samples of `volume`; how many there were. None where it refers
+/// to their file.
 ///
 /// # Errors
 /// When the system refuses.
 pub(super) fn mend(backing: &Backing, key: &str, volume: &Volume, sync: bool) -> Result<u64> {
     let mut mended = 0;
+    if super::metadata::required_json(backing, &format!("{key}/zarr.json"))
+        .is_ok_and(|found| reference(&found).is_some())
+    {
+        return Ok(0);
+    }
     for_each_chunk(volume.dims(), |index, start, size| {
         let (file, expected) = (chunk_key(key, index), chunk_bytes(volume, start, size));
         if backing.bytes(&file)?.is_none_or(|found| *found != *expected) {
@@ -231,7 +262,7 @@ pub(super) fn read(backing: &Backing, key: &str, dims: [usize; 3]) -> Result<Vol
     };
     array(dims, data_type).check(&metadata).map_err(|e| e.in_file(&name))?;
     let attributes = super::metadata::unsealed(&metadata).map_err(|e| e.in_file(&name))?;
-    let Attributes { affine, slope, inter, unit, up, anatomical, solid, name: title, notes } =
+    let Attributes { affine, slope, inter, unit, up, anatomical, solid, name: title, notes, reference } =
         serde_json::from_value(attributes).map_err(|e| wrong(e.to_string(), "the attributes of a volume"))?;
     let column = |c: usize| DVec3::new(affine[0][c], affine[1][c], affine[2][c]);
     let affine = Affine::new(DMat3::from_cols(column(0), column(1), column(2)), column(3))
@@ -242,6 +273,7 @@ pub(super) fn read(backing: &Backing, key: &str, dims: [usize; 3]) -> Result<Vol
     let solid = [Solid::Above, Solid::Below].into_iter().find(|s| solid_name(*s) == solid);
     let solid = solid.ok_or_else(|| wrong("another `solid`".into(), "`solid`: above or below"))?;
     let samples = match data_type {
+        _ if let Some(place) = &reference => samples_at(place, data_type, dims.iter().product(), backing.maps())?,
         "uint8" => Samples::U8(samples(backing, key, dims)?),
         "int8" => Samples::I8(samples(backing, key, dims)?),
         "uint16" => Samples::U16(samples(backing, key, dims)?),
@@ -251,6 +283,7 @@ pub(super) fn read(backing: &Backing, key: &str, dims: [usize; 3]) -> Result<Vol
     let mut volume = Volume::new(dims, samples, affine)?.with_scaling(slope, inter)?;
     (volume.name, volume.up, volume.solid) = (title, up, solid);
     volume.unit = unit.map_or(LengthUnit::Unknown, LengthUnit::Metres);
+    volume.by_reference = reference.is_some() && volume.samples().place().is_some();
     volume.notes = notes.into_iter().map(|n| Note { text: n.text, count: n.count }).collect();
     if anatomical.is_none() {
         volume.notes.push(Note { text: FRONT_NOT_RECORDED.into(), count: 1 });

@@ -6,8 +6,9 @@
 
 #![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
-use super::super::assemble::{Parts, assemble, note, pick};
-use super::super::decode::{self, Data, Endian, Type, checked_count};
+use super::super::assemble::{Parts, assemble, note};
+use super::super::decode::{self, Endian, Type, checked_count};
+use super::super::mapped::Stored;
 use super::super::read::{OpenBeside, ReadHint};
 use super::super::source::Source;
 use super::super::{LengthUnit, Note, Series, Volume};
@@ -146,7 +147,7 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
     };
     let dims = part.dims.map(|n| n as usize);
     let (nx, ny, n) = (x as usize, y as usize, channels as usize);
-    let data = if n == 1 { data } else { pick(data, series.channel, [n, n * nx, n * nx * ny], dims) };
+    let data = if n == 1 { data } else { data.pick(series.channel, [n, n * nx, n * nx * ny], dims) };
     let is_anatomical = header.get(&["AnatomicalOrientation"]).is_some_and(|(_, text)| !text.contains('?'));
     let parts = Parts { format: NAME, dims, data, slope: 1.0, inter: 0.0, world_from_grid, unit, series, notes };
     let mut volume = assemble(parts, hint)?;
@@ -173,7 +174,7 @@ impl Part<'_> {
         skip: i64,
         hint: &ReadHint,
         notes: &mut Vec<Note>,
-    ) -> Result<Data> {
+    ) -> Result<Stored> {
         let Self { dims: [x, y, z], channels, times, kind, series } = *self;
         let refuse = || damaged("DimSize", "more than 2^64 bytes");
         let size = kind.size() as u64;
@@ -203,7 +204,7 @@ impl Part<'_> {
             }
             source.skip(NAME, before, "the time points before")?;
             let count = checked_count(NAME, [row, y, z], kind.size(), source.at_most(), hint)?;
-            decode::binary(&mut source, NAME, kind, endian, count)?
+            Stored::binary(&mut source, NAME, kind, endian, count)?
         } else {
             let mut token = Vec::new();
             for _ in 0..before / size {
@@ -218,7 +219,7 @@ impl Part<'_> {
             if is_last && source.token(NAME, &mut token)? {
                 return Err(damaged("DimSize", "fewer samples than the file has"));
             }
-            data
+            data.into()
         };
         if is_last {
             source.verify_end(NAME)?;

@@ -7,8 +7,9 @@
 //! ORIGIN words, where any is not 0, replace the start indices, as in UCSF Chimera: the two are
 //! alternative ways to say the same.
 
-use super::super::assemble::{Parts, assemble, note, permute};
-use super::super::decode::{self, Endian, Type, checked_count};
+use super::super::assemble::{Parts, assemble, note};
+use super::super::decode::{Endian, Type, checked_count};
+use super::super::mapped::Stored;
 use super::super::read::ReadHint;
 use super::super::source::Source;
 use super::super::{LengthUnit, Note, Series, Volume};
@@ -118,13 +119,13 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint) -> Result<Volume> {
     source.skip(NAME, extended as u64, "extended header")?;
     // Not negative: `plausible` saw to it.
     let count = checked_count(NAME, file_dims.map(|d| d as u64), kind.size(), source.at_most(), hint)?;
-    let data = decode::binary(&mut source, NAME, kind, endian, count)?;
+    let data = Stored::binary(&mut source, NAME, kind, endian, count)?;
     if space_group < 401 {
         source.verify_end(NAME)?;
     }
     let file_dims = file_dims.map(|d| d as usize);
     let (world_from_grid, unit) = world(&words, axes, file_dims, &mut notes)?;
-    let (data, dims) = permute(data, file_dims, axes);
+    let (data, dims) = data.permute(file_dims, axes, NAME)?;
     assemble(
         Parts {
             format: NAME,

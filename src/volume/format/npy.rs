@@ -2,8 +2,9 @@
 //! whichever order it has in memory (C order: x fastest; Fortran order: z fastest). There is no
 //! spacing: world = grid, unit unknown.
 
-use super::super::assemble::{Parts, assemble, permute};
-use super::super::decode::{self, Data, Endian, Type, checked_count};
+use super::super::assemble::{Parts, assemble};
+use super::super::decode::{self, Endian, Type, checked_count};
+use super::super::mapped::Stored;
 use super::super::read::ReadHint;
 use super::super::source::Source;
 use super::super::{LengthUnit, Series, Volume};
@@ -18,7 +19,7 @@ const LONGEST_HEADER: usize = 64 * 1024;
 const MOST_BRACKETS: usize = 64;
 
 /// The samples, x fastest, and how many along x, y, z.
-pub(super) fn array(source: &mut Source, hint: &ReadHint) -> Result<(Data, [usize; 3])> {
+pub(super) fn array(source: &mut Source, hint: &ReadHint) -> Result<(Stored, [usize; 3])> {
     let header = header(source)?;
     let (kind, endian) = sample_type(&header.dtype())?;
     let shape: Vec<u64> = header.shape().to_vec();
@@ -32,12 +33,12 @@ pub(super) fn array(source: &mut Source, hint: &ReadHint) -> Result<(Data, [usiz
         ));
     };
     let count = checked_count(NAME, file, kind.size(), source.at_most(), hint)?;
-    let data = decode::binary(source, NAME, kind, endian, count)?;
+    let data = Stored::binary(source, NAME, kind, endian, count)?;
     let [z, y, x] = file.map(|n| n as usize);
-    Ok(match header.order() {
-        Order::C => (data, [x, y, z]),
-        Order::Fortran => permute(data, [z, y, x], [2, 1, 0]),
-    })
+    match header.order() {
+        Order::C => Ok((data, [x, y, z])),
+        Order::Fortran => data.permute([z, y, x], [2, 1, 0], NAME),
+    }
 }
 
 /// How many axes an array has that are longer than 1, at least the last three of those that it has.

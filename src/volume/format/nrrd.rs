@@ -5,8 +5,9 @@
 //! are converted to RAS+ by turning the sign of the axes that differ. Without a space, `spacings`
 //! and `axis mins`, right-handed as given.
 
-use super::super::assemble::{Parts, assemble, note, pick};
+use super::super::assemble::{Parts, assemble, note};
 use super::super::decode::{self, Endian, Type, checked_count};
+use super::super::mapped::Stored;
 use super::super::read::{OpenBeside, ReadHint};
 use super::super::source::Source;
 use super::super::{LengthUnit, Note, Volume};
@@ -161,7 +162,7 @@ fn samples(
     part: &Part,
     skips: &Skips,
     hint: &ReadHint,
-) -> Result<decode::Data> {
+) -> Result<Stored> {
     let dims = part.read;
     for _ in 0..skips.lines {
         source.expect_line(NAME, "the lines that \"line skip\" counts")?;
@@ -186,7 +187,7 @@ fn samples(
             let before = part.before.checked_mul(kind.size() as u64).ok_or_else(|| damaged("sizes", "too large"))?;
             source.skip(NAME, before, "the time points before")?;
             let count = checked_count(NAME, dims, kind.size(), source.at_most(), hint)?;
-            decode::binary(&mut source, NAME, kind, endian, count)?
+            Stored::binary(&mut source, NAME, kind, endian, count)?
         }
         "ascii" | "text" | "txt" => {
             // Each sample takes a digit and a separator, the last one perhaps only the digit.
@@ -198,7 +199,7 @@ fn samples(
                 }
             }
             let count = checked_count(NAME, dims, kind.size(), left, hint)?;
-            decode::text(&mut source, NAME, kind, count)?
+            decode::text(&mut source, NAME, kind, count)?.into()
         }
         other => {
             return Err(Error::format(
@@ -342,10 +343,10 @@ impl Part {
         Ok(Self { before, read: [dims[0].checked_mul(others).ok_or_else(refuse)?, dims[1], dims[2]], is_last, pick })
     }
 
-    fn pick(&self, data: decode::Data) -> decode::Data {
+    fn pick(&self, data: Stored) -> Stored {
         match self.pick {
             None => data,
-            Some((first, strides, dims)) => pick(data, first, strides, dims),
+            Some((first, strides, dims)) => data.pick(first, strides, dims),
         }
     }
 }

@@ -7,7 +7,8 @@
 #![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
 use super::super::assemble::{Parts, assemble};
-use super::super::decode::{self, Endian, Type, checked_count};
+use super::super::decode::{Endian, Type, checked_count};
+use super::super::mapped::Stored;
 use super::super::read::{OpenBeside, ReadHint};
 use super::super::source::Source;
 use super::super::{LengthUnit, Series, Volume};
@@ -102,7 +103,7 @@ fn samples(mut source: Source, sidecar: &Sidecar, kind: Type, hint: &ReadHint) -
         ByteOrder::Little => Endian::Little,
         ByteOrder::Big => Endian::Big,
     };
-    let data = decode::binary(&mut source, NAME, kind, endian, count)?;
+    let data = Stored::binary(&mut source, NAME, kind, endian, count)?;
     source.verify_end(NAME)?;
     let mut notes = Vec::new();
     if source.peek(1).is_ok_and(|rest| !rest.is_empty()) {

@@ -3,7 +3,7 @@ use ::tiff::encoder::{Rational, TiffEncoder, colortype};
 use ::tiff::tags::Tag;
 use std::io::Cursor;
 
-fn npy(version: u8, descr: &str, fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
+pub(super) fn npy(version: u8, descr: &str, fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
     let order = if fortran { "True" } else { "False" };
     let text = format!("{{'descr': {descr}, 'fortran_order': {order}, 'shape': ({shape}), }}\n");
     let mut bytes = vec![0x93, b'N', b'U', b'M', b'P', b'Y', version, 0];

@@ -2,13 +2,13 @@ use super::*;
 use glam::DMat3;
 
 /// An MRC header; word numbers as in the standard, from 1.
-struct Map {
+pub(super) struct Map {
     order: Order,
     bytes: Vec<u8>,
 }
 
 impl Map {
-    fn new(order: Order, dims: [i32; 3], mode: i32) -> Self {
+    pub(super) fn new(order: Order, dims: [i32; 3], mode: i32) -> Self {
         let mut map = Self { order, bytes: vec![0; 1024] };
         map.words(1, &[dims[0], dims[1], dims[2], mode]);
         map.words(8, &dims);
@@ -19,7 +19,7 @@ impl Map {
         map
     }
 
-    fn words(&mut self, number: usize, values: &[i32]) {
+    pub(super) fn words(&mut self, number: usize, values: &[i32]) {
         for (i, v) in values.iter().enumerate() {
             let at = 4 * (number - 1 + i);
             self.bytes[at..at + 4].copy_from_slice(&self.order.i32(*v));
@@ -31,7 +31,7 @@ impl Map {
         self.words(number, &bits);
     }
 
-    fn with(&self, samples: Vec<u8>) -> Vec<u8> {
+    pub(super) fn with(&self, samples: Vec<u8>) -> Vec<u8> {
         [&self.bytes[..], &samples].concat()
     }
 }

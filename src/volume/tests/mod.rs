@@ -4,6 +4,7 @@ mod arrays;
 mod grids;
 mod hostile;
 mod maps;
+mod mapped;
 mod metaimage;
 mod nifti;
 mod npz;

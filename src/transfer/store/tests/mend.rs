@@ -3,6 +3,8 @@
 use super::super::metadata::{nodes_of, sealed};
 use super::super::zarr::{MOST_SLOTS, STAMP, tail_length};
 use super::*;
+use crate::file::Stamp;
+use crate::volume::{Place, samples_at};
 
 /// Rewrites a store as the versions 1 and 2 wrote it: records in a folder of their own that do not name their store, and
 /// in version 1 with one claim for all isovalues of a chunk.
@@ -240,4 +242,88 @@ fn a_pipe_in_the_place_of_a_file_is_an_error() {
         let error = everything(&path).unwrap_err().to_string();
         assert!(error.contains(name) && error.contains("plain file"), "{error}");
     }
+}
+
+/// The volume with its samples in a file, behind a few bytes of something else.
+fn in_file(file: &Path) -> Volume {
+    let own = volume();
+    let metadata = fs::metadata(file).unwrap();
+    let Stamp { bytes, modified } = Stamp::of(&metadata);
+    let place = Place { file: file.to_owned(), offset: 6, bytes, modified };
+    let samples = samples_at(&place, own.samples().type_name(), own.samples().len(), true).unwrap();
+    let made = Volume::new(own.dims(), samples, *own.world_from_grid()).unwrap();
+    let mut made = made.with_scaling(own.slope(), own.inter()).unwrap();
+    (made.name, made.unit, made.up, made.solid) = (own.name, own.unit, own.up, own.solid);
+    (made.notes, made.by_reference) = (own.notes, true);
+    made
+}
+
+#[test]
+fn a_store_may_refer_to_the_file_of_its_volume() {
+    let directory = tempfile::tempdir().unwrap();
+    let (copy, _) = filled(directory.path());
+    let (file, path) = (directory.path().join("samples.raw"), directory.path().join("r.isolume"));
+    let content = [&b"header"[..], volume().samples().bytes()].concat();
+    fs::write(&file, &content).unwrap();
+    let written = fs::metadata(&file).unwrap().modified().unwrap();
+    let store = Store::create(&path, &in_file(&file), &identity(), provenance()).unwrap();
+    let array = path.join("volumes/a_b__/data");
+    assert!(!array.join("c").exists());
+    let found = store.volume().unwrap();
+    assert_eq!((found.samples(), found.samples().bytes_owned()), (volume().samples(), 0));
+    assert_eq!((found.content_hash(), found.by_reference), (volume().content_hash(), true));
+    let read = Store::open_unmapped(&path).unwrap().volume().unwrap();
+    assert_eq!((read.samples(), read.by_reference), (volume().samples(), false));
+    assert!(read.samples().bytes_owned() > 0);
+    // Another bake goes on without a look at all samples; one of a copied volume keeps what the store has.
+    let reopen = |volume: &Volume| StoreOptions::default().open_or_create(&path, volume, &identity(), provenance());
+    assert!(reopen(&in_file(&file)).unwrap().mended().is_empty());
+    assert!(reopen(&volume()).unwrap().mended().is_empty());
+
+    // The same length and time, and other samples: what trusts those does not see it, the doctor does.
+    let set = |bytes: &[u8], time| {
+        fs::write(&file, bytes).unwrap();
+        fs::File::options().write(true).open(&file).unwrap().set_modified(time).unwrap();
+    };
+    let mut other = content.clone();
+    other[6] ^= 1;
+    set(&other, written);
+    let changed = in_file(&file);
+    Store::recognise(&path, &changed);
+    assert_eq!(changed.content_hash(), volume().content_hash());
+    assert!(store.volume().is_ok());
+    let refused = store.volume_verified(true).unwrap_err().to_string();
+    assert!(refused.contains("BLAKE3"), "{refused}");
+
+    // Cut, written since, or gone: refused by name with what to do.
+    let refuses = |found: &str| {
+        let text = Store::open(&path).unwrap().volume().unwrap_err().to_string();
+        assert!(text.contains("samples.raw") && text.contains(found) && text.contains("--store-volume"), "{text}");
+    };
+    set(&content[..content.len() - 2], written);
+    refuses("67204 bytes");
+    set(&content, written + std::time::Duration::from_secs(1));
+    refuses("written since");
+    let moved = directory.path().join("moved.raw");
+    fs::rename(&file, &moved).unwrap();
+    refuses("No such file");
+    // The same samples elsewhere take its place; other samples are another volume.
+    let mended = reopen(&in_file(&moved)).unwrap();
+    assert!(mended.mended().iter().any(|line| line.contains("data")), "{:?}", mended.mended());
+    assert_eq!(mended.volume().unwrap().samples(), volume().samples());
+    // Or a copy of them, and then the store is as if it had always had one.
+    fs::remove_file(&moved).unwrap();
+    reopen(&volume()).unwrap();
+    assert_eq!(Store::open(&path).unwrap().volume().unwrap().samples(), volume().samples());
+    let below = |root: &Path| -> Vec<(PathBuf, Vec<u8>)> {
+        let relative = |(path, bytes): (PathBuf, Vec<u8>)| (path.strip_prefix(root).unwrap().to_owned(), bytes);
+        files(root).into_iter().map(relative).collect()
+    };
+    assert!(below(&path.join("volumes")) == below(&copy.join("volumes")));
+    // Samples in memory cannot be referred to.
+    let mut own = volume();
+    own.by_reference = true;
+    let refused = Store::create(directory.path().join("own"), &own, &identity(), provenance()).unwrap_err().to_string();
+    assert!(refused.contains("--store-volume"), "{refused}");
+    assert!(!directory.path().join("own").exists());
 }

@@ -7,7 +7,8 @@
 mod header;
 
 use super::super::assemble::{Parts, assemble, note};
-use super::super::decode::{self, Type, checked_count};
+use super::super::decode::{Type, checked_count};
+use super::super::mapped::Stored;
 use super::super::read::{OpenBeside, ReadHint};
 use super::super::source::Source;
 use super::super::{LengthUnit, Note, Volume};
@@ -58,7 +59,7 @@ pub(crate) fn read(mut source: Source, hint: &ReadHint, beside: Option<OpenBesid
     let refuse = || Error::format(NAME, "more than 2^64 bytes", "fewer samples", "the header is damaged");
     source.skip(NAME, bytes.ok_or_else(refuse)?, "the volumes before")?;
     let count = checked_count(NAME, dims, kind.size(), source.at_most(), hint)?;
-    let data = decode::binary(&mut source, NAME, kind, header.endian, count)?;
+    let data = Stored::binary(&mut source, NAME, kind, header.endian, count)?;
     if series.timepoint + 1 == times && series.channel + 1 == components {
         source.verify_end(NAME)?; // else more follows
     }
