@@ -39,6 +39,22 @@ impl<'a> ModelName<'a> {
         let Some(text) = self.size else { return Ok(None) };
         let number = |n: &str| n.parse().ok().filter(|n| (2..=MOST_SAMPLES).contains(n));
         let numbers: Option<Vec<usize>> = text.split('x').map(number).collect();
+    /// The same, where nothing but a model will do.
+    ///
+    /// # Errors
+    /// When the name is none of a TOML file.
+    pub fn asked(name: &'a str) -> Result<Self> {
+        Self::of(name).ok_or_else(|| {
+            let expected = "a model in TOML: other volumes are known by their samples alone";
+            Error::argument("model", name, expected, "give model.toml or model.toml:96")
+        })
+    }
+
+    /// The name of the model, without folder and ending.
+    pub fn stem(&self) -> String {
+        Path::new(self.path).file_stem().map_or_else(|| "model".into(), |s| s.to_string_lossy().into_owned())
+    }
+
         match numbers.as_deref() {
             Some(&[n]) => Ok(Some(Size::Longest(n))),
             Some(&[x, y, z]) => Ok(Some(Size::Exactly([x, y, z]))),
