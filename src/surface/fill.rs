@@ -102,7 +102,7 @@ pub(super) fn level_set<S: Sample>(
 }
 
 /// [`LEAST_PARAMETER`], or one f32 step of the largest coordinate where that is longer.
-fn least_parameter(longest_axis: usize) -> f64 {
+pub(super) fn least_parameter(longest_axis: usize) -> f64 {
     let largest_start = (longest_axis.max(2) - 2) as f32;
     LEAST_PARAMETER.max(f64::from(largest_start.next_up() - largest_start))
 }

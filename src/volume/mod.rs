@@ -42,6 +42,7 @@ pub use read::{ReadHint, read};
 
 use crate::error::{Error, Result};
 use crate::geom::{Affine, Bounds, Up};
+use crate::model::Tree;
 use glam::{DVec3, Vec4};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -307,6 +308,19 @@ pub struct Volume {
     pub series: Series,
     /// What the reader noticed.
     pub notes: Vec<Note>,
+    /// The model that it is samples of.
+    pub(crate) model: Option<Arc<ModelText>>,
+    /// The same, ready to be evaluated, where vertices of isosurfaces are to lie on it.
+    pub(crate) exact: Option<Arc<Tree>>,
+}
+
+/// The text of a model.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ModelText {
+    /// Name of its file, without directories.
+    pub file: String,
+    /// All of the file.
+    pub text: String,
 }
 
 /// What is taken for granted of the shadows that a level set casts on itself.
@@ -377,6 +391,8 @@ impl Volume {
             shadowing: Shadowing::Found,
             series: Series::default(),
             notes: Vec::new(),
+            model: None,
+            exact: None,
         })
     }
 
@@ -463,7 +479,8 @@ impl Volume {
         match world_from_grid.filter(|_| translate.is_finite()) {
             Some(world_from_grid) => {
                 check_extent(self.dims, &world_from_grid)?;
-                Ok(Self { world_from_grid, ..self })
+                // A model stays where it is.
+                Ok(Self { world_from_grid, model: None, exact: None, ..self })
             }
             None => {
                 let found = format!("a map {linear:?} and {translate:?}");

@@ -19,6 +19,7 @@ use crate::scene::geometry::TriangleMesh;
 use crate::scene::nearest;
 use crate::volume::Solid;
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 /// Samples along the longest side where neither the name nor the model says.
 pub const DEFAULT_SAMPLES: usize = 128;
@@ -82,7 +83,7 @@ pub trait Files {
 #[derive(Clone, Debug)]
 pub struct ModelDescription {
     /// What is sampled.
-    pub tree: Tree,
+    pub tree: Arc<Tree>,
     /// The box.
     pub bounds: Bounds,
     /// The isovalue at which nodes mean what they say.
@@ -172,7 +173,7 @@ impl ModelDescription {
         }
         let up = all.get("up").map(|item| axis(&item)).transpose()?;
         let solid = all.get("solid").map(|item| side(&item)).transpose()?;
-        Ok(Self { tree, bounds, isovalue, dims, notes, up, solid })
+        Ok(Self { tree: Arc::new(tree), bounds, isovalue, dims, notes, up, solid })
     }
 }
 
