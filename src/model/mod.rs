@@ -32,7 +32,7 @@ pub use contact::{Contact, Show};
 pub use convolution::{Convolution, Kernel};
 pub use falloff::Falloff;
 pub use formula::Formula;
-pub use grid::Grid;
+pub use grid::{Between, Grid};
 pub use leaf::{Leaf, Skeletal};
 pub use mesh::MeshDistance;
 pub use operator::{Crease, Pasko};

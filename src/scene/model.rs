@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::file::{self, Beside};
 use crate::geom::Affine;
 use crate::model::Tree;
-use crate::volume::{ModelText, Note, Samples, Solid, Volume};
+use crate::volume::{Choice, ModelText, Note, ReadHint, Samples, Solid, Volume, open_with};
 use glam::DVec3;
 use std::path::Path;
 use std::sync::Arc;
@@ -82,19 +82,28 @@ pub(super) struct Sampled {
 }
 
 /// Files beside the model.
-struct BesideModel(Beside);
+struct BesideModel {
+    beside: Beside,
+    allow_outside: bool,
+}
 
 impl Files for BesideModel {
     fn mesh(&mut self, name: &str) -> Result<TriangleMesh> {
-        let path = self.0.path(name)?;
+        let path = self.beside.path(name)?;
         let bytes = file::read(&path, MOST_FILE_BYTES)?;
         let beside = Beside::new(&path, false);
         let mut read = |other: &str, most: u64| beside.read(other, most.min(MOST_FILE_BYTES));
         read_mesh(&bytes, &mut read).map_err(|e| e.in_file(&path))
     }
 
+    fn volume(&mut self, name: &str) -> Result<Volume> {
+        let path = self.beside.path(name)?;
+        let choice = Choice { allow_outside: self.allow_outside, ..Choice::default() };
+        open_with(&path, &ReadHint { choice, ..ReadHint::default() })
+    }
+
     fn bytes(&mut self, name: &str) -> Result<Vec<u8>> {
-        self.0.read(name, MOST_FILE_BYTES)
+        self.beside.read(name, MOST_FILE_BYTES)
     }
 }
 
@@ -113,7 +122,7 @@ fn read(name: &ModelName<'_>, allow_outside: bool) -> Result<(ModelDescription, 
         let expected = "text in UTF-8";
         Error::format("model", "bytes that are no text", expected, "save it as UTF-8").in_file(name.path)
     })?;
-    let mut files = BesideModel(Beside::new(name.path, allow_outside));
+    let mut files = BesideModel { beside: Beside::new(name.path, allow_outside), allow_outside };
     Ok((ModelDescription::read(&text, name.path, size, &mut files)?, text))
 }
 
@@ -140,6 +149,10 @@ impl Nowhere {
 
 impl Files for Nowhere {
     fn mesh(&mut self, name: &str) -> Result<TriangleMesh> {
+        Self::refuse(name)
+    }
+
+    fn volume(&mut self, name: &str) -> Result<Volume> {
         Self::refuse(name)
     }
 

@@ -17,7 +17,7 @@ use crate::model::tree::{DEEPEST, MOST_NODES};
 use crate::model::{Node, Tree};
 use crate::scene::geometry::TriangleMesh;
 use crate::scene::nearest;
-use crate::volume::Solid;
+use crate::volume::{Solid, Volume};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -27,7 +27,7 @@ pub const DEFAULT_SAMPLES: usize = 128;
 pub const MOST_SAMPLES: usize = 4096;
 
 const SETTINGS: [&str; 4] = ["bounds", "isovalue", "root", "samples"];
-const KINDS: [&str; 34] = [
+const KINDS: [&str; 35] = [
     "point",
     "points",
     "segment",
@@ -40,6 +40,7 @@ const KINDS: [&str; 34] = [
     "box",
     "plane",
     "mesh",
+    "volume",
     "convolution",
     "rbf",
     "formula",
@@ -71,6 +72,12 @@ pub trait Files {
     /// # Errors
     /// When it cannot be read.
     fn mesh(&mut self, name: &str) -> Result<TriangleMesh>;
+
+    /// A volume.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    fn volume(&mut self, name: &str) -> Result<Volume>;
 
     /// The bytes of a file.
     ///
