@@ -22,6 +22,7 @@ pub mod root;
 pub mod sample;
 pub mod scalar;
 pub mod shape;
+pub mod skeleton;
 pub mod tree;
 pub mod warp;
 
@@ -37,8 +38,9 @@ pub use leaf::{Leaf, Skeletal};
 pub use mesh::MeshDistance;
 pub use operator::{Crease, Pasko};
 pub use rbf::{Radial, Rbf};
-pub use sample::Counters;
 pub use root::{Root, RootFinder, root_on_segment};
+pub use sample::Counters;
 pub use shape::{Round, Shape};
+pub use skeleton::Skeletons;
 pub use tree::{Node, Op, Tree};
 pub use warp::{Kind, Region, Warp};

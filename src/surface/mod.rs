@@ -41,6 +41,8 @@ mod tests;
 #[cfg(test)]
 mod watertight;
 
+pub(crate) use cell::{edge_corners, face_corners};
+pub(crate) use fill::triangles_of_cell;
 pub use signs::{StraddlingCells, straddling_cells};
 pub use statistics::{MeshStatistics, mesh_statistics};
 
