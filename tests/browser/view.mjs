@@ -412,7 +412,7 @@ async function watched() {
   const file = join(out, "watched.toml");
   const save = (radius) => writeFileSync(file, model(radius));
   save("1");
-  const server = await serve(file, "--watch", "--layers", "1", "--bands", "2", "--rays", "4");
+  const server = await serve(file, "--watch", "--layers", "1", "--rays", "4");
   const page = await open(server.address);
   const covered = () => page.evaluate(() => {
     const { renderer, view } = window.isolume;

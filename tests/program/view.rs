@@ -94,7 +94,7 @@ fn a_watched_model_is_shown_again_when_it_is_saved() {
     let bench = Bench::new();
     bench.write("m.toml", MODEL);
     let (mut served, address, path) =
-        served_by(&bench, "view m.toml --watch --layers 1 --bands 2 --rays 4 --cache c -q");
+        served_by(&bench, "view m.toml --watch --layers 1 --rays 4 --cache c -q");
     let get = |name: &str| ask(&address, &format!("GET {path}{name} HTTP/1.1\r\nHost: {address}"), b"").1;
     let json = |name: &str| -> serde_json::Value { serde_json::from_slice(&get(name)).expect("JSON") };
     // As long as it takes: the bake of a model of 12³ samples.
