@@ -146,7 +146,7 @@ fn exact_vertices_lie_on_the_model() {
         ("relight bumpbox:12 --isovalue 47 --env sky --exact-vertices -o x.ply", "a model in TOML"),
         ("relight linear.isolume --isovalue 0.5 --env sky --exact-vertices -o x.ply", "into another store"),
         ("relight files.isolume --isovalue 0.5 --env sky --exact-vertices -o x.ply", "w.xyz"),
-        ("view m.toml --exact-vertices", "texture"),
+        ("view m.toml --exact-vertices --cache c", "texture"),
     ] {
         let message = bench.refuses(line);
         assert!(message.contains(named) && message.contains("--exact-vertices"), "{line}: {message}");

@@ -93,8 +93,7 @@ fn a_watched_model_is_shown_again_when_it_is_saved() {
         "[model]\nbounds = [[-1, -1, -1], [1, 1, 1]]\nsamples = 12\n[model.point.p]\ncentre = [0, 0, 0]\nradius = 1\n";
     let bench = Bench::new();
     bench.write("m.toml", MODEL);
-    let (mut served, address, path) =
-        served_by(&bench, "view m.toml --watch --layers 1 --rays 4 --cache c -q");
+    let (mut served, address, path) = served_by(&bench, "view m.toml --watch --layers 1 --rays 4 --cache c -q");
     let get = |name: &str| ask(&address, &format!("GET {path}{name} HTTP/1.1\r\nHost: {address}"), b"").1;
     let json = |name: &str| -> serde_json::Value { serde_json::from_slice(&get(name)).expect("JSON") };
     // As long as it takes: the bake of a model of 12³ samples.
