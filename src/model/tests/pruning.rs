@@ -47,7 +47,7 @@ fn samples_are_the_values_at_their_points() {
         let mut values = Vec::new();
         tree.sample(&BOX, dims, true, &mut values);
         let along = sample::coordinates(&BOX, dims);
-        for (value, at) in values.iter().zip(crate::grid3::all(dims)) {
+        for (value, at) in values.iter().zip(grid3::all(dims)) {
             let p = DVec3::new(along[0][at[0]], along[1][at[1]], along[2][at[2]]);
             assert_eq!(value.to_bits(), ((tree.value(p) + 0.0) as f32).to_bits(), "seed {seed} at {p}");
         }
