@@ -47,6 +47,13 @@ pub fn open_named(path: impl AsRef<Path>) -> Result<(File, Option<u64>)> {
     open(path).map(|(file, length)| (file, Some(length)))
 }
 
+/// What differs once a file was saved again: when it was changed, and its length. `None` where there is none, as between the steps
+/// of an editor that writes a new one.
+pub fn stamp(path: impl AsRef<Path>) -> Option<String> {
+    let found = std::fs::metadata(path).ok()?;
+    Some(format!("{:?} {}", found.modified().ok()?, found.len()))
+}
+
 /// All bytes of a plain file.
 ///
 /// # Errors

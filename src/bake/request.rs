@@ -393,6 +393,11 @@ impl<'a> Request<'a> {
         if self.geometry.is_some() {
             self.check_scene()?;
         }
+        if self.volume.exact.is_some() && !self.surfaces {
+            let remedy = "name isovalues, without --texture; or give the option to relight of the store";
+            let given = "the texels of a texture";
+            return Err(Error::argument("--exact-vertices", given, "vertices of isosurfaces", remedy));
+        }
         if self.surfaces && self.estimator != Estimator::Path {
             let name = format!("estimator {}", self.estimator.name());
             let remedy = "bake the texture: --texture 1, or Bake::texture; or use the estimator path";

@@ -108,7 +108,8 @@ fn fill_surfaces(
     let mut surfaces = Vec::with_capacity(isovalues.len());
     for &isovalue in isovalues {
         let mesh = isosurface(job.volume, pyramid, isovalue)?;
-        let surface = store.open_or_add_surface(isovalue, &mesh, job.volume.world_from_grid())?;
+        let surface =
+            store.open_or_add_surface(isovalue, &mesh, job.volume.world_from_grid(), job.volume.exact.is_some())?;
         let Mesh { positions_in_grid, normals, triangles } = mesh;
         surfaces.push((surface, SurfacePoints { isovalue, positions_in_grid, normals, own: Vec::new() }, triangles));
     }

@@ -86,7 +86,9 @@ impl Cache {
 
     /// The place of the store of a bake.
     pub fn place(&self, job: &Request<'_>) -> PathBuf {
-        self.stores().join(format!("{}-{}.isolume", clean(&job.volume.name), &job.identity().hash()[..16]))
+        // Vertices are no part of the identity: a store may hold either.
+        let ending = if job.volume.exact.is_some() { "-exact" } else { "" };
+        self.stores().join(format!("{}-{}{ending}.isolume", clean(&job.volume.name), &job.identity().hash()[..16]))
     }
 
     /// Bakes what is missing into the store at `path`. Where another process fills it, waits for it, with a note.

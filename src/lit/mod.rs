@@ -238,10 +238,12 @@ impl Job<'_> {
         self.refuse_effects_of_bakes()?;
         let store = Store::open(self.input)?;
         if store.identity().scene.as_ref().is_some_and(|scene| scene.coupling.is_some()) {
+            self.how.volume.refuse_exact_of_several()?;
             return self.light_members(&store, None, 0, host);
         }
         self.refuse_names("the store holds one volume alone")?;
-        let volume = store.volume()?;
+        let mut volume = store.volume()?;
+        self.how.volume.exact_in_store(&mut volume)?;
         for note in volume.notes.iter().filter(|note| note.text == FRONT_NOT_RECORDED) {
             if self.how.volume.front.is_none() {
                 (host.note)(&format!("{} (--frame-of anatomical)", note.text));

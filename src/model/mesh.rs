@@ -47,6 +47,11 @@ pub struct MeshDistance {
 }
 
 impl MeshDistance {
+    /// A vertex of it.
+    pub(super) fn vertex(&self) -> Option<DVec3> {
+        self.positions.first().copied()
+    }
+
     /// Prepares a mesh. `winding` takes the winding number for the sign where the mesh is not closed: each query then looks
     /// at every triangle.
     ///

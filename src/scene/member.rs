@@ -39,6 +39,8 @@ pub struct VolumeOptions {
     pub shadowing: Shadowing,
     /// Whether stores name the file of its samples instead of holding a copy.
     pub by_reference: bool,
+    /// Whether vertices of isosurfaces are moved onto the model that the volume is samples of, with its normals.
+    pub exact_vertices: bool,
 }
 
 impl VolumeOptions {
@@ -65,6 +67,26 @@ impl VolumeOptions {
                 "leave out the axis that is up (--up), or take the grid's front (--frame-of grid)",
             )),
         }
+    }
+
+    /// Makes isosurfaces of a volume of a store lie on its model, if so asked for.
+    ///
+    /// # Errors
+    /// When it is samples of no model, or of one that names files.
+    pub(crate) fn exact_in_store(&self, volume: &mut Volume) -> Result<()> {
+        if self.exact_vertices {
+            volume.exact = Some(model::of_store(volume)?);
+        }
+        Ok(())
+    }
+
+    /// Refuses vertices on a model where several volumes are lit together.
+    pub(crate) fn refuse_exact_of_several(&self) -> Result<()> {
+        if !self.exact_vertices {
+            return Ok(());
+        }
+        let remedy = "leave it out, or light each volume alone";
+        Err(Error::argument("--exact-vertices", "several volumes", "one model alone", remedy))
     }
 
     /// The same for the volume of a scene, which stands in the frame of its walls unless told otherwise.
@@ -188,6 +210,9 @@ impl Member {
     /// When there is no such file, or it cannot be read as asked; a name that is nearly one that exists gets a suggestion.
     pub fn open(name: &str, options: &VolumeOptions) -> Result<Self> {
         let of_model = ModelName::of(name).filter(|model| Path::new(model.path).is_file());
+        if options.exact_vertices && of_model.is_none() {
+            return Err(model::no_model(name));
+        }
         let (volume, label, default_isovalue) = match (field::by_name(name)?, of_model) {
             (Some(named), _) => {
                 options.refuse_for("a field")?;
@@ -195,7 +220,8 @@ impl Member {
             }
             (None, Some(of_model)) => {
                 options.refuse_for("a model")?;
-                let sampled = model::open(&of_model, options.choice.allow_outside)?;
+                let mut sampled = model::open(&of_model, options.choice.allow_outside)?;
+                sampled.volume.exact = options.exact_vertices.then_some(sampled.tree);
                 (sampled.volume, file_name(name), Some(sampled.isovalue))
             }
             (None, None) => (open_file(name, options)?, file_name(name), None),

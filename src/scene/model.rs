@@ -5,12 +5,16 @@ use super::geometry::{TriangleMesh, read_mesh};
 use crate::error::{Error, Result};
 use crate::file::{self, Beside};
 use crate::geom::Affine;
-use crate::volume::{Note, Samples, Solid, Volume};
+use crate::model::Tree;
+use crate::volume::{Choice, ModelText, Note, ReadHint, Samples, Solid, Volume, open_with};
 use glam::DVec3;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Longest text of a model: as of a scene.
 const MOST_BYTES: u64 = 1 << 26;
+/// Longest text that goes with a volume into its store, where the metadata of each node repeat it.
+const MOST_KEPT: usize = 1 << 20;
 /// Longest file that a model names.
 const MOST_FILE_BYTES: u64 = 1 << 32;
 /// Most samples along a side.
@@ -35,6 +39,22 @@ impl<'a> ModelName<'a> {
         is_toml(path).then_some(Self { path, size: Some(size) })
     }
 
+    /// The same, where nothing but a model will do.
+    ///
+    /// # Errors
+    /// When the name is none of a TOML file.
+    pub fn asked(name: &'a str) -> Result<Self> {
+        Self::of(name).ok_or_else(|| {
+            let expected = "a model in TOML: other volumes are known by their samples alone";
+            Error::argument("model", name, expected, "give model.toml or model.toml:96")
+        })
+    }
+
+    /// The name of the model, without folder and ending.
+    pub fn stem(&self) -> String {
+        Path::new(self.path).file_stem().map_or_else(|| "model".into(), |s| s.to_string_lossy().into_owned())
+    }
+
     fn size(&self) -> Result<Option<Size>> {
         let Some(text) = self.size else { return Ok(None) };
         let number = |n: &str| n.parse().ok().filter(|n| (2..=MOST_SAMPLES).contains(n));
@@ -57,22 +77,33 @@ pub(super) struct Sampled {
     pub(super) volume: Volume,
     /// The isovalue at which its nodes mean what they say.
     pub(super) isovalue: f64,
+    /// What was sampled.
+    pub(super) tree: Arc<Tree>,
 }
 
 /// Files beside the model.
-struct BesideModel(Beside);
+struct BesideModel {
+    beside: Beside,
+    allow_outside: bool,
+}
 
 impl Files for BesideModel {
     fn mesh(&mut self, name: &str) -> Result<TriangleMesh> {
-        let path = self.0.path(name)?;
+        let path = self.beside.path(name)?;
         let bytes = file::read(&path, MOST_FILE_BYTES)?;
         let beside = Beside::new(&path, false);
         let mut read = |other: &str, most: u64| beside.read(other, most.min(MOST_FILE_BYTES));
         read_mesh(&bytes, &mut read).map_err(|e| e.in_file(&path))
     }
 
+    fn volume(&mut self, name: &str) -> Result<Volume> {
+        let path = self.beside.path(name)?;
+        let choice = Choice { allow_outside: self.allow_outside, ..Choice::default() };
+        open_with(&path, &ReadHint { choice, ..ReadHint::default() })
+    }
+
     fn bytes(&mut self, name: &str) -> Result<Vec<u8>> {
-        self.0.read(name, MOST_FILE_BYTES)
+        self.beside.read(name, MOST_FILE_BYTES)
     }
 }
 
@@ -81,13 +112,18 @@ impl Files for BesideModel {
 /// # Errors
 /// When the file cannot be read or makes no sense; each names the line.
 pub fn describe(name: &ModelName<'_>, allow_outside: bool) -> Result<ModelDescription> {
+    Ok(read(name, allow_outside)?.0)
+}
+
+/// The same with its text.
+fn read(name: &ModelName<'_>, allow_outside: bool) -> Result<(ModelDescription, String)> {
     let size = name.size()?;
     let text = String::from_utf8(file::read(name.path, MOST_BYTES)?).map_err(|_| {
         let expected = "text in UTF-8";
         Error::format("model", "bytes that are no text", expected, "save it as UTF-8").in_file(name.path)
     })?;
-    let mut files = BesideModel(Beside::new(name.path, allow_outside));
-    ModelDescription::read(&text, name.path, size, &mut files)
+    let mut files = BesideModel { beside: Beside::new(name.path, allow_outside), allow_outside };
+    Ok((ModelDescription::read(&text, name.path, size, &mut files)?, text))
 }
 
 /// Samples a model.
@@ -95,13 +131,53 @@ pub fn describe(name: &ModelName<'_>, allow_outside: bool) -> Result<ModelDescri
 /// # Errors
 /// As [`describe`]; when memory does not suffice.
 pub(super) fn open(name: &ModelName<'_>, allow_outside: bool) -> Result<Sampled> {
-    let model = describe(name, allow_outside)?;
-    let volume = sample(&model, stem(name.path))?;
-    Ok(Sampled { volume, isovalue: model.isovalue })
+    let (model, text) = read(name, allow_outside)?;
+    let mut volume = sample(&model, name.stem())?;
+    volume.model = (text.len() <= MOST_KEPT).then(|| Arc::new(ModelText { file: file::file_name(name.path), text }));
+    Ok(Sampled { volume, isovalue: model.isovalue, tree: model.tree })
 }
 
-fn stem(path: &str) -> String {
-    Path::new(path).file_stem().map_or_else(|| "model".into(), |s| s.to_string_lossy().into_owned())
+/// Files that only a folder has.
+struct Nowhere;
+
+impl Nowhere {
+    fn refuse<T>(name: &str) -> Result<T> {
+        let expected = "a model without files: a store keeps its text alone";
+        Err(Error::argument("--exact-vertices", format!("a model with the file {name}"), expected, FROM_MODEL))
+    }
+}
+
+impl Files for Nowhere {
+    fn mesh(&mut self, name: &str) -> Result<TriangleMesh> {
+        Self::refuse(name)
+    }
+
+    fn volume(&mut self, name: &str) -> Result<Volume> {
+        Self::refuse(name)
+    }
+
+    fn bytes(&mut self, name: &str) -> Result<Vec<u8>> {
+        Self::refuse(name)
+    }
+}
+
+/// What to do where a store does not suffice for vertices on the model.
+const FROM_MODEL: &str = "give the model.toml itself, or bake it with --exact-vertices";
+
+/// The model that a volume of a store is samples of, by its text.
+///
+/// # Errors
+/// When it is samples of none, or the text names files.
+pub(super) fn of_store(volume: &Volume) -> Result<Arc<Tree>> {
+    let Some(model) = &volume.model else { return Err(no_model(&volume.name)) };
+    let size = Some(Size::Exactly(volume.dims()));
+    Ok(ModelDescription::read(&model.text, &model.file, size, &mut Nowhere)?.tree)
+}
+
+/// The error about vertices on a model where there is none.
+pub(super) fn no_model(name: &str) -> Error {
+    let expected = "a model in TOML: other volumes are known by their samples alone";
+    Error::argument("--exact-vertices", name, expected, "leave it out")
 }
 
 /// The volume of a model.

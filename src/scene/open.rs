@@ -243,6 +243,7 @@ impl SceneFile {
             let remedy = "write coupling = \"normalised\", \"equal\" or rows of isovalues";
             return Err(Error::argument("coupling", "none", "which isovalues belong together", remedy));
         };
+        options.refuse_exact_of_several()?;
         let mut members = descriptions.iter().map(|d| self.open_one(d, options)).collect::<Result<Vec<_>>>()?;
         // One world has one up, and the units of the first.
         let up = members.first().map(|first| first.volume.up).unwrap_or_default();

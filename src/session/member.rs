@@ -114,11 +114,21 @@ impl<'a> Member<'a> {
     /// The surface of the store, unless it is incomplete while the texture holds the isovalue.
     fn surface(&self, isovalue: f64) -> Result<Option<Store>> {
         let Some(surface) = self.store.surface(isovalue)? else { return Ok(None) };
-        if surface.is_complete()? {
+        let is_other = self.volume.exact.is_some() && !surface.is_on_model();
+        if surface.is_complete()? && !is_other {
             return Ok(Some(surface));
         }
         let held = self.store.holdings()?;
-        Ok((!(held.all || held.in_texture.contains(&isovalue))).then_some(surface))
+        if held.all || held.in_texture.contains(&isovalue) {
+            return Ok(None);
+        }
+        if is_other {
+            let given = format!("the surface of isovalue {} in the store", number(isovalue, 8));
+            let expected = "vertices that were baked on the model: these lie on its samples";
+            let remedy = "bake it with --exact-vertices into another store, or leave the option out";
+            return Err(Error::argument("--exact-vertices", given, expected, remedy));
+        }
+        Ok(Some(surface))
     }
 
     /// Finds the texels that lookups on an isosurface of it read.

@@ -27,6 +27,7 @@ pub mod forecast;
 pub mod front;
 pub mod model;
 pub mod placements;
+pub mod polygonizers;
 mod storage;
 pub mod sweep;
 pub mod thesis;

@@ -4,7 +4,7 @@
 //! two other coordinates in ascending order of axis. Face `2·axis + side`.
 
 /// Both corners of an edge, the one with the smaller coordinate along the edge first.
-pub(super) const fn edge_corners(edge: usize) -> [usize; 2] {
+pub(crate) const fn edge_corners(edge: usize) -> [usize; 2] {
     let (axis, k) = (edge / 4, edge % 4);
     let low = match axis {
         0 => k << 1,
@@ -25,7 +25,7 @@ pub(super) const fn edge_between(a: usize, b: usize) -> usize {
 }
 
 /// The four corners of a face, counter-clockwise as seen from outside the cell.
-pub(super) const fn face_corners(face: usize) -> [usize; 4] {
+pub(crate) const fn face_corners(face: usize) -> [usize; 4] {
     let (axis, side) = (face / 2, face % 2);
     let (u, v) = (1 << ((axis + 1) % 3), 1 << ((axis + 2) % 3));
     let base = side << axis;

@@ -102,7 +102,7 @@ pub(super) fn level_set<S: Sample>(
 }
 
 /// [`LEAST_PARAMETER`], or one f32 step of the largest coordinate where that is longer.
-fn least_parameter(longest_axis: usize) -> f64 {
+pub(super) fn least_parameter(longest_axis: usize) -> f64 {
     let largest_start = (longest_axis.max(2) - 2) as f32;
     LEAST_PARAMETER.max(f64::from(largest_start.next_up() - largest_start))
 }
@@ -123,20 +123,7 @@ impl<S: Sample> Grid<'_, S> {
     }
 
     fn plan(&self, pattern: u8, x: usize, y: usize, z: usize) -> Plan {
-        let entry = self.table.patterns[usize::from(pattern)];
-        let first = &self.table.configurations[usize::from(entry.first)];
-        let plan = if entry.settled {
-            first.disks
-        } else {
-            let d = self.corner_values(x, y, z);
-            let offset = usize::from(face_decisions(&d, entry.ambiguous));
-            let configuration = &self.table.configurations[usize::from(entry.first) + offset];
-            let tunnel = if configuration.tunnels.is_empty() { None } else { tunnel(&d, &configuration.regions) };
-            tunnel
-                .and_then(|pair| configuration.tunnels.iter().find(|t| t.0 == pair))
-                .map_or(configuration.disks, |t| t.1)
-        };
-        self.table.plans[usize::from(plan)]
+        plan_of(self.table, pattern, || self.corner_values(x, y, z))
     }
 
     /// Vertices and triangles before each layer.
@@ -270,19 +257,57 @@ impl<S: Sample> Grid<'_, S> {
 
     /// A vertex inside the cell: the mean of the crossings of `edges`, moved onto the surface.
     fn inner_vertex(&self, edges: u16, x: usize, y: usize, z: usize) -> [f32; 3] {
-        let d = self.corner_values(x, y, z);
-        let (mut sum, mut count) = (DVec3::ZERO, 0.0);
-        for edge in (0..12).filter(|e| edges >> e & 1 == 1) {
-            let [low, high] = edge_corners(edge);
-            let axis = edge / 4;
-            let mut point = DVec3::from([0, 1, 2].map(|a| (low >> a & 1) as f64));
-            point[axis] = (d[low] / (d[low] - d[high])).clamp(self.least, 1.0 - self.least);
-            sum += point;
-            count += 1.0;
-        }
-        let local = onto_surface(&d, sum / count);
+        let local = inner_point(&self.corner_values(x, y, z), edges, self.least);
         (DVec3::new(x as f64, y as f64, z as f64) + local).as_vec3().to_array()
     }
+}
+
+/// The triangles of a cell with these corners solid: where the pattern does not settle it, by the values d = s·(raw − c) there.
+fn plan_of(table: &Table, pattern: u8, values: impl FnOnce() -> [f64; 8]) -> Plan {
+    let entry = table.patterns[usize::from(pattern)];
+    let first = &table.configurations[usize::from(entry.first)];
+    let plan = if entry.settled {
+        first.disks
+    } else {
+        let d = values();
+        let offset = usize::from(face_decisions(&d, entry.ambiguous));
+        let configuration = &table.configurations[usize::from(entry.first) + offset];
+        let tunnel = if configuration.tunnels.is_empty() { None } else { tunnel(&d, &configuration.regions) };
+        tunnel.and_then(|pair| configuration.tunnels.iter().find(|t| t.0 == pair)).map_or(configuration.disks, |t| t.1)
+    };
+    table.plans[usize::from(plan)]
+}
+
+/// A vertex inside a unit cell with the values `d` at its corners: the mean of the crossings of `edges`, moved onto the surface.
+fn inner_point(d: &[f64; 8], edges: u16, least: f64) -> DVec3 {
+    let (mut sum, mut count) = (DVec3::ZERO, 0.0);
+    for edge in (0..12).filter(|e| edges >> e & 1 == 1) {
+        let [low, high] = edge_corners(edge);
+        let axis = edge / 4;
+        let mut point = DVec3::from([0, 1, 2].map(|a| (low >> a & 1) as f64));
+        point[axis] = (d[low] / (d[low] - d[high])).clamp(least, 1.0 - least);
+        sum += point;
+        count += 1.0;
+    }
+    onto_surface(d, sum / count)
+}
+
+/// What a cell on its own consists of: triangles of vertices on edges (numbers below 12) or inside it, of which `inner` has the
+/// places.
+pub(crate) struct CellTriangles {
+    /// Counter-clockwise as seen from the lit side.
+    pub triangles: &'static [[u8; 3]],
+    /// In the unit cell; the first is vertex 12.
+    pub inner: Vec<DVec3>,
+}
+
+/// The triangles of one cell by the values d = s·(raw − c) at its corners, as the whole extraction has them.
+pub(crate) fn triangles_of_cell(d: &[f64; 8]) -> CellTriangles {
+    let pattern = (0..8).fold(0, |bits, k| bits | u8::from(d[k] > 0.0) << k);
+    let table: &'static Table = &TABLE;
+    let plan = plan_of(table, pattern, || *d);
+    let inner = table.inner(plan).iter().map(|&edges| inner_point(d, edges, LEAST_PARAMETER)).collect();
+    CellTriangles { triangles: table.triangles(plan), inner }
 }
 
 /// Moves a point of the unit cell towards {trilinear = 0} by Newton steps along the gradient, as

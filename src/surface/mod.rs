@@ -28,6 +28,7 @@ mod cell;
 mod decide;
 mod fill;
 mod normals;
+mod on_model;
 mod signs;
 mod statistics;
 mod table;
@@ -40,6 +41,8 @@ mod tests;
 #[cfg(test)]
 mod watertight;
 
+pub(crate) use cell::{edge_corners, face_corners};
+pub(crate) use fill::triangles_of_cell;
 pub use signs::{StraddlingCells, straddling_cells};
 pub use statistics::{MeshStatistics, mesh_statistics};
 
@@ -107,7 +110,8 @@ pub fn extract(volume: &Volume, isovalue: f64) -> Result<Mesh> {
 }
 
 /// The isosurface as it is lit: normals are those of the tracer ([`LevelField::normal`], a smoothed gradient), where they
-/// vanish those of the facets; vertices in the order of [`Mesh::in_morton_order`].
+/// vanish those of the facets; vertices in the order of [`Mesh::in_morton_order`]. Of a volume whose vertices are to be exact
+/// they lie on its model, and normals are those of the model.
 ///
 /// # Errors
 /// As [`extract`]; when the volume has no cells.
@@ -119,7 +123,12 @@ pub fn isosurface(volume: &Volume, pyramid: &Pyramid, isovalue: f64) -> Result<M
             field.normal(&field.locate(position.map(f64::from))).map_or([0.0; 3], |n| n.vec().to_array())
         })
     });
-    mesh.map(Mesh::in_morton_order)
+    let mut mesh = mesh?;
+    if let Some(model) = &volume.exact {
+        let longest = volume.dims().into_iter().max().unwrap_or(0);
+        on_model::onto_model(&mut mesh, volume, model, isovalue, fill::least_parameter(longest));
+    }
+    Ok(mesh.in_morton_order())
 }
 
 /// As [`extract`], without normals: [`Mesh::normals`] is empty. For counting, measuring, and normals made elsewhere.

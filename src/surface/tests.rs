@@ -551,3 +551,39 @@ fn the_contours_of_a_face_are_the_same_from_both_sides() {
         }
     }
 }
+
+/// A soft point of reach 1 has the isovalue ½ at the radius ½. Positions below 32 in single precision are within 2⁻²⁰ voxel,
+/// those near the ends of an edge 2⁻¹⁴.
+#[test]
+fn exact_vertices_lie_on_the_model_with_its_normals_and_the_same_triangles() {
+    use crate::model::{Falloff, Leaf, Node, Shape, Skeletal, Tree};
+    let centre = DVec3::new(0.013, -0.021, 0.007);
+    let shape = Shape::Point(centre);
+    let leaf = Leaf::Skeletal(Skeletal { shape, reach: [1.0; 2], falloff: Falloff::Soft, weight: 1.0 });
+    let tree = std::sync::Arc::new(Tree::new(Node::leaf(leaf)).unwrap());
+    let n = 19;
+    let voxel = 1.4 / (n - 1) as f64;
+    let mut samples = Vec::new();
+    tree.sample(&crate::geom::Bounds { min: DVec3::splat(-0.7), max: DVec3::splat(0.7) }, [n; 3], true, &mut samples);
+    let world_from_grid = Affine::from_spacing(DVec3::splat(voxel), DVec3::splat(-0.7)).unwrap();
+    for (solid, sign) in [(Solid::Above, 1.0), (Solid::Below, -1.0)] {
+        let mut volume = Volume::new([n; 3], Samples::F32(samples.clone()), world_from_grid).unwrap();
+        volume.solid = solid;
+        let pyramid = Pyramid::new(&volume);
+        let linear = isosurface(&volume, &pyramid, 0.5).unwrap();
+        volume.exact = Some(std::sync::Arc::clone(&tree));
+        let exact = isosurface(&volume, &pyramid, 0.5).unwrap();
+        assert_eq!(exact.triangles, linear.triangles);
+        let off = |mesh: &Mesh| {
+            let from = |p: &[f32; 3]| volume.world_from_grid().point(DVec3::from_array(p.map(f64::from))) - centre;
+            let radius = |p| (from(p).length() - 0.5).abs() / voxel;
+            let bend =
+                |(p, n): (_, &[f32; 3])| (from(p).normalize() - sign * DVec3::from_array(n.map(f64::from))).length();
+            let far = mesh.positions_in_grid.iter().map(radius).fold(0.0, f64::max);
+            (far, mesh.positions_in_grid.iter().zip(&mesh.normals).map(bend).fold(0.0, f64::max))
+        };
+        let ((before, bent), (after, straight)) = (off(&linear), off(&exact));
+        assert!(before > 1e-3 && after < 1.1 / 16384.0, "{before:e} voxels, then {after:e}");
+        assert!(bent > 1e-3 && straight < 1e-6, "normals {bent:e} off, then {straight:e}");
+    }
+}

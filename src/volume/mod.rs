@@ -44,6 +44,7 @@ pub use read::{ReadHint, read};
 
 use crate::error::{Error, Result};
 use crate::geom::{Affine, Bounds, Up};
+use crate::model::Tree;
 use glam::{DVec3, Vec4};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -382,6 +383,19 @@ pub struct Volume {
     /// Whether stores name the file of its samples instead of holding a copy of them.
     #[doc(hidden)]
     pub by_reference: bool,
+    /// The model that it is samples of.
+    pub(crate) model: Option<Arc<ModelText>>,
+    /// The same, ready to be evaluated, where vertices of isosurfaces are to lie on it.
+    pub(crate) exact: Option<Arc<Tree>>,
+}
+
+/// The text of a model.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ModelText {
+    /// Name of its file, without directories.
+    pub file: String,
+    /// All of the file.
+    pub text: String,
 }
 
 /// What is taken for granted of the shadows that a level set casts on itself.
@@ -454,6 +468,8 @@ impl Volume {
             series: Series::default(),
             notes: Vec::new(),
             by_reference: false,
+            model: None,
+            exact: None,
         })
     }
 
@@ -540,7 +556,8 @@ impl Volume {
         match world_from_grid.filter(|_| translate.is_finite()) {
             Some(world_from_grid) => {
                 check_extent(self.dims, &world_from_grid)?;
-                Ok(Self { world_from_grid, hash: OnceLock::new(), ..self })
+                // A model stays where it is.
+                Ok(Self { world_from_grid, model: None, exact: None, hash: OnceLock::new(), ..self })
             }
             None => {
                 let found = format!("a map {linear:?} and {translate:?}");

@@ -7,7 +7,7 @@
 // Screenshots go to target/browser/. Exit code 0: everything holds; 1: something does not, and says what.
 
 import { execFileSync, spawn } from "node:child_process";
-import { existsSync, readFileSync, statSync } from "node:fs";
+import { existsSync, readFileSync, statSync, writeFileSync } from "node:fs";
 import { basename, join } from "node:path";
 import { pathToFileURL } from "node:url";
 import { check, dropFile, finish, launch, out, root } from "./common.mjs";
@@ -402,6 +402,40 @@ async function accessible(page) {
     }, light);
     check(worst >= 4.5, `contrast of text is at least 4.5 (${worst.toFixed(1)}, ${light ? "light" : "dark"})`);
   }
+}
+
+await watched();
+
+/** A model that is saved is shown again from the same side; while it is broken, what was shown stays, with the reason. */
+async function watched() {
+  const model = (radius) => `[model]\nbounds = [[-1, -1, -1], [1, 1, 1]]\nsamples = 16\n[model.point.p]\ncentre = [0, 0, 0]\nradius = ${radius}\n`;
+  const file = join(out, "watched.toml");
+  const save = (radius) => writeFileSync(file, model(radius));
+  save("1");
+  const server = await serve(file, "--watch", "--layers", "1", "--rays", "4");
+  const page = await open(server.address);
+  const covered = () => page.evaluate(() => {
+    const { renderer, view } = window.isolume;
+    const numbers = renderer.read(view(), 96, 72, 6);
+    let count = 0;
+    for (let i = 3; i < numbers.length; i += 4) count += numbers[i] > 0 ? 1 : 0;
+    return count;
+  });
+  await page.evaluate(() => window.isolume.update({ azimuth: 77 }));
+  const before = await covered();
+  save('"wide"');
+  await page.waitForFunction(() => /watched\.toml:6/.test(document.getElementById("message").textContent), null, { timeout: 60_000 });
+  check(await covered() === before, "a broken model keeps what was shown, and its line is told");
+  await page.screenshot({ path: join(out, "watched-broken.png") });
+  save("0.6");
+  await page.waitForFunction(() => window.isolume?.header.watched === 1, null, { timeout: 60_000 });
+  const state = await page.evaluate(() => ({ azimuth: window.isolume.state.azimuth, hidden: document.getElementById("message").hidden }));
+  const after = await covered();
+  check(state.azimuth === 77 && state.hidden, "a saved model is shown from the same side, without the message");
+  check(after > 0 && after < 0.6 * before, `the model is as it was saved: ${after} pixels after ${before}`);
+  await page.screenshot({ path: join(out, "watched.png") });
+  await page.close();
+  server.end();
 }
 
 await browser.close();

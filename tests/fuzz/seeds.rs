@@ -498,7 +498,11 @@ pub fn model() -> Vec<Seed> {
         normals = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1]]\nsmoothing = 0.1\n[model.cache.f]\nof = \"c\"\nsamples = 8\n\
         [model.pasko.g]\nof = [\"a\", \"b\"]\noperation = \"union\"\ndisplacement = [0.2, 0.5, 0.5]\n[model.sum.r]\n\
         of = [\"g\", \"d\", \"e\", \"f\"]\n";
-    [("skeletons.toml", skeletons), ("warps.toml", warps), ("others.toml", others)]
+    let more = "[model.volume.a]\nfile = \"v.nii\"\nisovalue = 100\nweight = 0.02\nscale = 0.8\n[model.polyline.b]\n\
+        points = [[0, 0, 0], [0.5, 0, 0], [0.5, 0.5, 0]]\nclosed = true\nradius = 0.3\n[model.instance.c]\nof = \"b\"\n\
+        at = [[0, 0, 0.5], [0, 0, -0.5]]\n[model.round.d]\nof = \"c\"\nby = 0.05\n[model.invert.e]\nof = \"a\"\n[model.weight.f]\n\
+        of = \"e\"\nby = 0.5\n[model.union.r]\nof = [\"d\", \"f\"]\n";
+    [("skeletons.toml", skeletons), ("warps.toml", warps), ("others.toml", others), ("more.toml", more)]
         .map(|(name, body)| (name, format!("{head}{body}").into_bytes()))
         .into()
 }

@@ -4,7 +4,7 @@ use super::documents::{other_values, resealed};
 use super::mutate::{self, Numbers};
 use super::seeds;
 use glam::DVec3;
-use isolume::geom::Up;
+use isolume::geom::{Affine, Up};
 use isolume::level;
 use isolume::model::Region;
 use isolume::probe::{Orientation, ReadOptions};
@@ -98,7 +98,7 @@ pub const TARGETS: [Target; 27] = [
     mesh("mesh_gltf", seeds::gltf),
     mesh("mesh_stl", seeds::stl),
     Target { name: "scene", seeds: seeds::scene, limit: SCENE_LIMIT, gate_runs: 1500, kind: Kind::Scene },
-    Target { name: "model", seeds: seeds::model, limit: MODEL_LIMIT, gate_runs: 1500, kind: Kind::Model },
+    Target { name: "model", seeds: seeds::model, limit: MODEL_LIMIT, gate_runs: 10_000, kind: Kind::Model },
 ];
 
 const fn volume(name: &'static str, seeds: fn() -> Vec<seeds::Seed>) -> Target {
@@ -447,6 +447,11 @@ impl Files for BesideModel {
         read_mesh(&seeds::stl().swap_remove(0).1, &mut |_, _| Ok(Vec::new()))
     }
 
+    fn volume(&mut self, _: &str) -> isolume::Result<Volume> {
+        let samples = Samples::U8((0..27).map(|i| 9 * i).collect());
+        Volume::new([3; 3], samples, Affine::from_spacing(DVec3::splat(0.5), DVec3::splat(-0.5)).expect("a map"))
+    }
+
     fn bytes(&mut self, _: &str) -> isolume::Result<Vec<u8>> {
         Ok(b"2\nwater, in part\nO 0 0 0.1\nH 0 0.7 -0.4\n".to_vec())
     }
@@ -531,7 +536,7 @@ fn check_scene(bytes: &[u8]) -> bool {
 /// A store of 9³ texels: one chunk, two bricks a side.
 pub fn small_store(path: &Path) {
     let samples = (0..729).map(|i| (i * 37 % 251) as u8).collect();
-    let affine = isolume::geom::Affine::IDENTITY;
+    let affine = Affine::IDENTITY;
     let volume = Volume::new([9, 9, 9], Samples::U8(samples), affine).expect("a volume");
     let lattice = Lattice::from_ratio([9, 9, 9], 1.0).expect("a lattice");
     let layout = Layout { lattice, layers: Layers::uniform(1, 1).expect("layers") };

@@ -80,3 +80,94 @@ fn mistakes_name_their_line() {
         }
     }
 }
+
+/// A soft point of reach 1 has the isovalue ½ at the radius ½.
+#[test]
+fn exact_vertices_lie_on_the_model() {
+    const BALL: &str = "[model]\nbounds = [[-0.7, -0.7, -0.7], [0.7, 0.7, 0.7]]\nsamples = 16\n[model.point.p]\n\
+        centre = [0.01, 0.02, -0.01]\nradius = 1\n";
+    let bench = Bench::new();
+    bench.write("m.toml", BALL);
+    // How far vertices are from the sphere, in voxels.
+    let off = |name: &str| {
+        let store = isolume::Store::open(bench.path(name)).expect("a store");
+        let surface = store.surface(0.5).expect("a sound surface").expect("the surface");
+        let mesh = surface.mesh().expect("a sound mesh").expect("a mesh");
+        let voxel = 1.4 / 15.0;
+        let radius = |p: &[f32; 3]| {
+            let from = [0.01, 0.02, -0.01];
+            let world = [0, 1, 2].map(|a| -0.7 + voxel * f64::from(p[a]) - from[a]);
+            (world.iter().map(|x| x * x).sum::<f64>().sqrt() - 0.5).abs() / voxel
+        };
+        mesh.positions_in_grid.iter().map(radius).fold(0.0, f64::max)
+    };
+    bench.run("bake m.toml --isovalues auto --rays 4 -o linear.isolume");
+    bench.run("bake m.toml --isovalues auto --rays 4 --exact-vertices -o exact.isolume");
+    let (linear, exact) = (off("linear.isolume"), off("exact.isolume"));
+    // Vertices are held 2⁻¹⁴ voxel from grid points.
+    assert!(linear > 1e-3 && exact < 1.1 / 16384.0, "{linear:e} and {exact:e} voxels");
+    bench.run("verify exact.isolume");
+    // The store has them, asked for or not; one that has others says so.
+    bench.run("relight exact.isolume --isovalue 0.5 --env sky -o a.ply");
+    bench.run("relight exact.isolume --isovalue 0.5 --env sky --exact-vertices -o b.ply");
+    bench.run("relight m.toml --isovalue 0.5 --env sky --rays 4 --exact-vertices --cache c -o m.ply");
+    bench.run("relight m.toml --isovalue 0.5 --env sky --rays 4 --cache c -o other.ply");
+    assert!(body(&bench, "a.ply") == body(&bench, "b.ply") && body(&bench, "a.ply") == body(&bench, "m.ply"));
+    assert!(body(&bench, "a.ply") != body(&bench, "other.ply"));
+    // A texture has no vertices: they are found from the text of the model in the store, and are the same.
+    bench.run("bake m.toml --texture 1 --rays 4 --layers 1 --bands 2 -o texture.isolume");
+    std::fs::remove_file(bench.path("m.toml")).expect("the model is there");
+    bench.run("relight texture.isolume --isovalue 0.5 --env sky --exact-vertices -o t.ply");
+    let positions = |name: &str| {
+        let bytes = bench.bytes(name);
+        let head = String::from_utf8_lossy(&bytes[..bytes.len().min(2000)]).into_owned();
+        let count = |element: &str| -> usize {
+            let line = head.lines().find(|line| line.starts_with(&format!("element {element} "))).expect("a count");
+            line.rsplit(' ').next().and_then(|n| n.parse().ok()).expect("a number")
+        };
+        // A triangle is the number 3 and three of 32 bits.
+        let body = body(&bench, name)[11..].to_vec();
+        let stride = (body.len() - 13 * count("face")) / count("vertex");
+        (0..count("vertex")).map(|v| body[v * stride..v * stride + 12].to_vec()).collect::<Vec<_>>()
+    };
+    assert!(positions("t.ply") == positions("a.ply") && positions("t.ply") != positions("other.ply"));
+    bench.write("m.toml", BALL);
+    bench.write("w.xyz", "1\n\nO 0 0 0\n");
+    bench.write(
+        "files.toml",
+        BALL.replace("[model.point.p]\ncentre = [0.01, 0.02, -0.01]", "[model.points.p]\nfile = \"w.xyz\""),
+    );
+    bench.run("bake files.toml --texture 1 --rays 4 --layers 1 --bands 2 -o files.isolume");
+    for (line, named) in [
+        ("bake m.toml --isovalues auto --rays 4 -o exact.isolume", "--exact-vertices"),
+        ("bake m.toml --isovalues auto --rays 4 --exact-vertices -o linear.isolume", "--exact-vertices"),
+        ("bake m.toml --texture 1 --rays 4 --exact-vertices -o x.isolume", "texture"),
+        ("bake bumpbox:12 --isovalues 47 --exact-vertices -o x.isolume", "a model in TOML"),
+        ("relight bumpbox:12 --isovalue 47 --env sky --exact-vertices -o x.ply", "a model in TOML"),
+        ("relight linear.isolume --isovalue 0.5 --env sky --exact-vertices -o x.ply", "into another store"),
+        ("relight files.isolume --isovalue 0.5 --env sky --exact-vertices -o x.ply", "w.xyz"),
+        ("view m.toml --exact-vertices --cache c", "texture"),
+    ] {
+        let message = bench.refuses(line);
+        assert!(message.contains(named) && message.contains("--exact-vertices"), "{line}: {message}");
+    }
+    bench.run("relight files.toml --isovalue 0.5 --env sky --rays 4 --exact-vertices --cache c -o f.ply");
+}
+
+#[test]
+fn polygonizers_are_compared_on_a_model() {
+    let bench = Bench::new();
+    bench.write("m.toml", MODEL);
+    let found = bench.json("study polygonizers m.toml:16 -o p");
+    assert_eq!(found["rows"].as_array().map(Vec::len), Some(8));
+    assert!(bench.bytes("p/polygonizers.csv").starts_with(b"polygonizer,cells,roots,visited,"));
+    assert_eq!(serde_json::from_slice::<serde_json::Value>(&bench.bytes("p/polygonizers.json")).unwrap(), found);
+    for (line, named) in [
+        ("study polygonizers bumpbox:16", "a model in TOML"),
+        ("study polygonizers n.toml", "n.toml"),
+        ("study polygonizers m.toml:1", "m.toml:128"),
+    ] {
+        let message = bench.refuses(line);
+        assert!(message.contains(named), "{message}");
+    }
+}

@@ -24,7 +24,11 @@ impl Drop for Served {
 
 /// A page that is served: the host with its port, and the path that holds the token.
 fn served(bench: &Bench) -> (Served, String, String) {
-    let mut child = bench.process("view b.isolume -q").stdout(Stdio::piped()).spawn().expect("the program starts");
+    served_by(bench, "view b.isolume -q")
+}
+
+fn served_by(bench: &Bench, line: &str) -> (Served, String, String) {
+    let mut child = bench.process(line).stdout(Stdio::piped()).spawn().expect("the program starts");
     let mut line = String::new();
     BufReader::new(child.stdout.take().expect("its output")).read_line(&mut line).expect("a line");
     let address = line.split("http://").nth(1).and_then(|l| l.split(' ').next()).expect("an address");
@@ -80,6 +84,47 @@ fn the_server_answers_this_machine_only() {
     assert!(status.contains("200") && pixels.len().is_multiple_of(12) && !pixels.is_empty(), "{status}");
     let (status, why) = ask(&address, &format!("POST {path}probe?name=x HTTP/1.1\r\n{host}"), b"no image");
     assert!(status.contains("415") && !why.is_empty(), "{status}");
+}
+
+/// A model that is saved is shown again; while it is broken the page keeps what it shows, and tells why.
+#[test]
+fn a_watched_model_is_shown_again_when_it_is_saved() {
+    const MODEL: &str =
+        "[model]\nbounds = [[-1, -1, -1], [1, 1, 1]]\nsamples = 12\n[model.point.p]\ncentre = [0, 0, 0]\nradius = 1\n";
+    let bench = Bench::new();
+    bench.write("m.toml", MODEL);
+    let (mut served, address, path) = served_by(&bench, "view m.toml --watch --layers 1 --rays 4 --cache c -q");
+    let get = |name: &str| ask(&address, &format!("GET {path}{name} HTTP/1.1\r\nHost: {address}"), b"").1;
+    let json = |name: &str| -> serde_json::Value { serde_json::from_slice(&get(name)).expect("JSON") };
+    // As long as it takes: the bake of a model of 12³ samples.
+    let mut until = |is_so: &dyn Fn(&serde_json::Value) -> bool| loop {
+        let state = json("watched.json");
+        if is_so(&state) {
+            return state;
+        }
+        assert!(served.0.try_wait().expect("its state").is_none(), "the program ended");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    };
+    until(&|state| state["revision"] == 0);
+    let first = json("header.json");
+    assert_eq!(first["watched"], 0);
+    bench.write("m.toml", MODEL.replace("radius = 1", "radius = 0.7\nweight = 2"));
+    until(&|state| state["revision"] == 1);
+    let second = json("header.json");
+    assert_eq!(second["watched"], 1);
+    assert!(second["volume"]["range"][1].as_f64() > first["volume"]["range"][1].as_f64(), "{second}");
+    let payload = get("payload.bin");
+    bench.write("m.toml", MODEL.replace("radius = 1", "radios = 1"));
+    let state = until(&|state| !state["message"].is_null());
+    let message = state["message"].as_str().expect("a message");
+    assert!(message.contains("m.toml:6") && message.contains("radius"), "{message}");
+    assert!(state["revision"] == 1 && get("payload.bin") == payload && json("header.json") == second);
+    bench.write("m.toml", MODEL);
+    let state = until(&|state| state["revision"] == 2);
+    assert!(state["message"].is_null(), "{state}");
+    assert_eq!(json("header.json")["volume"], first["volume"]);
+    // What is not watched is asked for nothing, and what is no text of ours cannot be watched.
+    assert!(bench.refuses("view bumpbox:8 --watch").contains("model.toml"));
 }
 
 #[test]

@@ -41,6 +41,9 @@ pub(in crate::cli) struct TransferArgs {
     /// of its scattering [0] and index of refraction [1], such as 0.1,0.95,0.5,1.4
     #[arg(long, value_name = "SIGMA[,ALBEDO|free[,G[,INDEX]]]", allow_hyphen_values = true)]
     pub(in crate::cli) translucent: Option<Translucent>,
+    /// Move vertices of isosurfaces of a model onto the model itself, with its normals, instead of leaving them on its samples
+    #[arg(long)]
+    pub(in crate::cli) exact_vertices: bool,
     /// Refuse to use more memory, such as 2GB [default: 80 % of what machine, ulimit -v and control group allow]
     #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
     pub(in crate::cli) memory_limit: Option<u64>,
@@ -107,7 +110,8 @@ impl TransferArgs {
     /// How what is baked is opened, with what these options put around it.
     pub(in crate::cli) fn scene(&self, volume: &VolumeArgs) -> SceneOptions {
         let effects = self.effects();
-        let volume = VolumeOptions { shadowing: effects.shadowing(), ..volume.options() };
+        let (shadowing, exact_vertices) = (effects.shadowing(), self.exact_vertices);
+        let volume = VolumeOptions { shadowing, exact_vertices, ..volume.options() };
         SceneOptions { volume, effects, fog: self.fog, translucent: self.translucent }
     }
 }

@@ -14,6 +14,7 @@ pub(in crate::cli) mod man;
 pub(in crate::cli) mod merge;
 pub(in crate::cli) mod pack;
 pub(in crate::cli) mod placements;
+pub(in crate::cli) mod polygonizers;
 pub(in crate::cli) mod plan;
 pub(in crate::cli) mod relight;
 pub(in crate::cli) mod replay;

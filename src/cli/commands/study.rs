@@ -4,6 +4,7 @@ use crate::cli::args::light::parse_triple;
 use crate::cli::args::transfer::parse_bytes;
 use crate::cli::args::volume::VolumeArgs;
 use crate::cli::commands::placements::PlacementsArgs;
+use crate::cli::commands::polygonizers::PolygonizersArgs;
 use crate::cli::commands::thesis::ThesisArgs;
 use crate::cli::failure::Outcome;
 use crate::cli::present::console::Console;
@@ -27,7 +28,8 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:
   isolume study brain.nii.gz --isovalue 90 --env courtyard -o brain-study
   isolume study bumpbox:64 --quick
-  isolume study placements examples/scenes/box.toml --isovalue 47")]
+  isolume study placements examples/scenes/box.toml --isovalue 47
+  isolume study polygonizers examples/models/hand.toml:64")]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(in crate::cli) struct Study {
     #[command(subcommand)]
@@ -78,6 +80,7 @@ pub(in crate::cli) struct Study {
 #[derive(clap::Subcommand)]
 enum OtherStudy {
     Placements(Box<PlacementsArgs>),
+    Polygonizers(PolygonizersArgs),
     Thesis(ThesisArgs),
 }
 
@@ -85,6 +88,7 @@ impl Study {
     pub(in crate::cli) fn run(&self, seed: u64, console: &Console) -> Outcome {
         match &self.other {
             Some(OtherStudy::Placements(other)) => return other.run(seed, console),
+            Some(OtherStudy::Polygonizers(other)) => return other.run(console),
             Some(OtherStudy::Thesis(other)) => return other.run(seed, console),
             None => {}
         }

@@ -13,10 +13,10 @@ use crate::export::atomic;
 use crate::export::inputs::Inputs;
 use crate::export::target::check_file;
 use crate::probe::Probe;
-use crate::scene::{NamedIsovalue, SceneFile, TextureSize, open_probe};
+use crate::scene::{ModelName, NamedIsovalue, SceneFile, TextureSize, open_probe};
 use crate::transfer::store::{Store, check_store, is_store};
 use crate::view::page::page_in_one_file;
-use crate::view::server::Server;
+use crate::view::server::{Server, Watched};
 use crate::view::{Coding, Options, Package, package_of, page_probes};
 use crate::volume::Isovalue;
 use serde_json::json;
@@ -33,12 +33,13 @@ use std::time::Instant;
 /// In a scene each luminaire has a slider, and where there are any the environment is dark at the beginning. What
 /// walls do to the light is seen, the walls themselves are not drawn. Of several volumes one is shown, in the light of
 /// all. The material is chosen on the page.
-#[derive(clap::Args)]
+#[derive(clap::Args, Clone)]
 #[command(after_help = "Examples:
   isolume view brain.isolume
   isolume view brain.isolume --html brain.html --texture-side 96 --env sunset.hdr
   isolume view brain.nii.gz --texture 0.5
   isolume view scene.toml
+  isolume view mug.toml:64 --watch
   isolume view pair.isolume --volume gyroid")]
 pub(in crate::cli) struct View {
     /// The store, or a volume file, field or scene (.toml) that is baked first
@@ -70,6 +71,10 @@ pub(in crate::cli) struct View {
     /// Accept a store whose bake is not finished: what is missing is filled from neighbours, or has no light
     #[arg(long)]
     partial: bool,
+    /// Show a model or a scene (.toml) again whenever it is saved; with 16 rays a texel unless --rays or --error says more. What
+    /// cannot be read meanwhile is told on the page
+    #[arg(long, conflicts_with = "html")]
+    watch: bool,
     /// Open the page in the browser of this system
     #[arg(long)]
     open: bool,
@@ -97,11 +102,26 @@ impl View {
         }
         // What cannot be read is refused before a bake, which may take minutes.
         self.env.iter().try_for_each(|name| self.open_probe(name).map(drop))?;
-        let (store, _use) = self.store(seed, console)?;
-        let package = self.package(&store, console)?;
+        let watched = if self.watch { Some(Watched::new(ModelName::asked(&self.input)?.path)) } else { None };
+        let package = self.made(seed, console)?;
         match &self.html {
             Some(path) => write_page(path, &package, console),
-            None => self.serve(package, console),
+            None => self.serve(package, watched, seed, console),
+        }
+    }
+
+    fn made(&self, seed: u64, console: &Console) -> Outcome<Package> {
+        let (store, _use) = self.store(seed, console)?;
+        self.package(&store, console)
+    }
+
+    /// What a watched file has become; a message where it cannot be shown.
+    fn made_again(&self, seed: u64, console: &Console) -> Outcome<Result<Package, String>> {
+        let scene = self.scene.as_ref().map(|_| SceneFile::read(&self.input)).transpose();
+        let made = scene.map_err(Failure::from).and_then(|scene| Self { scene, ..self.clone() }.made(seed, console));
+        match made {
+            Err(Failure::Library(stopped @ Error::Stopped { .. })) => Err(stopped.into()),
+            made => Ok(made.map_err(|failure| failure.to_string()).inspect_err(|message| console.note(message))),
         }
     }
 
@@ -126,6 +146,9 @@ impl View {
         let mut quality = self.transfer.quality(&bands, seed);
         // The page looks up a texture, whichever isovalues are listed.
         quality.texture.get_or_insert(TextureSize::Ratio(1.0));
+        if self.watch && quality.error.is_none() {
+            quality.rays.get_or_insert(16);
+        }
         let (fill, note) = (filler(start, console), |text: &str| console.note(text));
         let mut bakes = MemberBakes::new(&cache, &quality, self.scene.as_ref(), &fill, &note);
         let mut last = None;
@@ -194,8 +217,8 @@ impl View {
         Ok(package)
     }
 
-    fn serve(&self, package: Package, console: &Console) -> Outcome {
-        let server = Server::new(self.port, package)?;
+    fn serve(&self, package: Package, watched: Option<Watched>, seed: u64, console: &Console) -> Outcome {
+        let server = Server::new(self.port, package, watched.is_some())?;
         let address = server.address()?;
         console.print(format!("{address}  (Ctrl-C ends it)"));
         console.print_json(&json!({ "address": address }));
@@ -203,7 +226,10 @@ impl View {
         if self.open {
             open_browser(&address, console);
         }
-        server.run();
+        match watched {
+            Some(file) => server.watch(file, || self.made_again(seed, console))?,
+            None => server.run(),
+        }
         Ok(())
     }
 }

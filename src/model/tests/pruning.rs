@@ -3,6 +3,7 @@
 use super::random::{Numbers, node};
 use super::*;
 use crate::geom::Bounds;
+use crate::grid3;
 
 const BOX: Bounds = Bounds { min: DVec3::NEG_ONE, max: DVec3::ONE };
 
@@ -46,7 +47,7 @@ fn samples_are_the_values_at_their_points() {
         let mut values = Vec::new();
         tree.sample(&BOX, dims, true, &mut values);
         let along = sample::coordinates(&BOX, dims);
-        for (value, at) in values.iter().zip(crate::grid3::all(dims)) {
+        for (value, at) in values.iter().zip(grid3::all(dims)) {
             let p = DVec3::new(along[0][at[0]], along[1][at[1]], along[2][at[2]]);
             assert_eq!(value.to_bits(), ((tree.value(p) + 0.0) as f32).to_bits(), "seed {seed} at {p}");
         }
@@ -88,4 +89,28 @@ fn values_that_are_missing_take_the_least_and_are_counted() {
     let counters = tree.sample(&BOX, [11, 4, 4], true, &mut values);
     assert_eq!(counters.mended, 5 * 16);
     assert!(values.iter().all(|v| v.is_finite() && *v >= 2.0));
+}
+
+/// Of small boxes by the samples in them, of larger ones by blocks, and with what lies beyond where they reach out of the grid.
+#[test]
+fn ranges_of_volumes_hold_their_values_and_are_narrow_inside() {
+    let dims = [70, 64, 57];
+    let samples = grid3::all(dims).map(|[x, y, z]| (x + 2 * y) as f32 + 0.1 * ((7 * x + 3 * z) % 11) as f32).collect();
+    let bounds = Bounds { min: DVec3::splat(-1.0), max: DVec3::new(2.0, 1.0, 1.0) };
+    let volume = Grid::new(dims, samples, bounds, Between::Linear(-50.0)).unwrap();
+    let mut n = Numbers(11);
+    let mut narrow = 0;
+    for _ in 0..400 {
+        let (centre, half) = (1.4 * n.place(), DVec3::splat(n.between(0.01, 0.7)));
+        let range = volume.range_in(&Region { centre, half });
+        for _ in 0..20 {
+            let value = volume.value((centre + half * n.place()).to_array());
+            assert!(range.holds(value), "{value} is not in {range:?}");
+        }
+        let is_inside = (centre - half).cmpgt(bounds.min).all() && (centre + half).cmplt(bounds.max).all();
+        assert!(is_inside || range.low <= -50.0);
+        let count: f64 = (0..3).map(|a| 2.0 * half[a] / bounds.size()[a] * dims[a] as f64).product();
+        narrow += usize::from(is_inside && count > 8192.0 && range.high - range.low < 0.8 * 197.0);
+    }
+    assert!(narrow > 5, "{narrow} boxes that only blocks make narrow");
 }

@@ -149,7 +149,9 @@ impl Store {
         for isovalue in surfaces {
             let Some(theirs) = other.surface(isovalue)? else { continue };
             let Some(mesh) = theirs.mesh()? else { continue };
-            let more = self.open_or_add_surface(isovalue, &mesh, &world_from_grid)?.take_from(&theirs)?;
+            let more = self
+                .open_or_add_surface(isovalue, &mesh, &world_from_grid, theirs.is_on_model())?
+                .take_from(&theirs)?;
             report.taken += more.taken;
             report.kept += more.kept;
         }

@@ -32,6 +32,8 @@ const POSITIONS: &str = "positions";
 const IN_GRID: &str = "positions_in_grid";
 const NORMALS: &str = "normals";
 const TRIANGLES: &str = "triangles";
+/// What vertices lie on, where it is not the samples.
+const ON_MODEL: &str = "model";
 
 /// Which isosurface a store of vertices is of.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +43,8 @@ pub(super) struct Mark {
     /// BLAKE3 of its mesh.
     pub mesh: String,
     triangles: usize,
+    /// Whether its vertices lie on the model that the volume is samples of.
+    on_model: bool,
 }
 
 /// The name of an isovalue as a node: the shortest decimal number that is it.
@@ -152,6 +156,9 @@ fn nodes_of_surface(
     if layers.channels() != 1 {
         attributes["channels"] = json!(MEANING_OF_CHANNELS);
     }
+    if mark.on_model {
+        attributes["vertices_on"] = json!(ON_MODEL);
+    }
     let mut nodes = vec![(place.to_owned(), zarr::group(sealed(attributes)))];
     for (name, rows) in [(POSITIONS, vertices), (IN_GRID, vertices), (NORMALS, vertices), (TRIANGLES, mark.triangles)] {
         nodes.push((format!("{place}/{name}"), array(name, rows).metadata(json!({}))));
@@ -190,7 +197,8 @@ fn read_mark(backing: &Backing, place: &str, identity_hash: &str) -> Result<(Mar
         let found = format!("a surface of another store, {}", zarr::shorten(&attributes["identity_blake3"]));
         return Err(in_file(Error::format(FORMAT, found, format!("that of {identity_hash}"), remedy)));
     }
-    Ok((Mark { isovalue, mesh, triangles }, vertices))
+    let on_model = attributes["vertices_on"] == ON_MODEL;
+    Ok((Mark { isovalue, mesh, triangles, on_model }, vertices))
 }
 
 impl Store {
@@ -266,6 +274,12 @@ impl Store {
         self.surface.as_ref().map(|mark| mark.isovalue)
     }
 
+    /// Whether it is a surface whose vertices lie on the model that the volume is samples of.
+    #[doc(hidden)]
+    pub fn is_on_model(&self) -> bool {
+        self.surface.as_ref().is_some_and(|mark| mark.on_model)
+    }
+
     /// The mesh of a store that is a surface: `None` of one that is not.
     ///
     /// # Errors
@@ -295,15 +309,21 @@ impl Store {
     }
 
     /// Opens the surface of an isovalue to fill it, or makes it if there is none. `mesh`: the isosurface, with normals, in the
-    /// order of [`Mesh::in_morton_order`]; `world_from_grid`: that of the volume. What is damaged of a mesh that is there is
-    /// written anew.
+    /// order of [`Mesh::in_morton_order`]; `world_from_grid`: that of the volume; `on_model`: whether vertices lie on the model
+    /// that the volume is samples of. What is damaged of a mesh that is there is written anew.
     ///
     /// # Errors
     /// [`Error::Mismatch`] when the surface that is there has another mesh; when the isovalue is not finite or the mesh has other
     /// than one normal a vertex, numbers that are not finite, or triangles of vertices that are not there; when the store is a
     /// surface itself or an archive, or the system refuses.
     #[doc(hidden)]
-    pub fn open_or_add_surface(&self, isovalue: f64, mesh: &Mesh, world_from_grid: &Affine) -> Result<Self> {
+    pub fn open_or_add_surface(
+        &self,
+        isovalue: f64,
+        mesh: &Mesh,
+        world_from_grid: &Affine,
+        on_model: bool,
+    ) -> Result<Self> {
         if !isovalue.is_finite() {
             return Err(Error::argument(
                 "isovalue",
@@ -322,7 +342,7 @@ impl Store {
         let root = self.directory()?.path().to_owned();
         let place = format!("{}/{}", self.surfaces_key(), node_of(isovalue));
         let (vertices, triangles) = (mesh.positions_in_grid.len(), mesh.triangles.len());
-        let mark = Mark { isovalue, mesh: hash_of_mesh(mesh), triangles };
+        let mark = Mark { isovalue, mesh: hash_of_mesh(mesh), triangles, on_model };
         if self.packing.is_some() {
             return match read_mark(&self.backing, &place, &self.identity_hash) {
                 Ok((found, _)) if found == mark => self.open_surface(place, mark, vertices),
@@ -335,6 +355,20 @@ impl Store {
         }
         let _adding = lock::adding(&root)?;
         match read_mark(&self.backing, &place, &self.identity_hash) {
+            Ok((found, _)) if found.on_model != mark.on_model => {
+                let text = |mark: &Mark| if mark.on_model { "on the model" } else { "on its samples" };
+                let same = if mark.on_model { "leave out" } else { "give" };
+                return Err(Error::Mismatch {
+                    path: self.backing.name(&place),
+                    field: "vertices".into(),
+                    stored: text(&found).into(),
+                    asked: text(&mark).into(),
+                    remedy: format!(
+                        "{same} --exact-vertices, give another output with -o, or --force to replace {}",
+                        root.display()
+                    ),
+                });
+            }
             Ok((found, _)) if found != mark => {
                 let text =
                     |mark: &Mark| format!("{} triangles, BLAKE3 {}", mark.triangles, zarr::shorten(&json!(mark.mesh)));

@@ -11,12 +11,13 @@ use super::identity::solid_name;
 use super::zarr::{self, Array, CHECKSUM, Codec, FORMAT, METADATA_REMEDY};
 use crate::error::{Error, Result};
 use crate::geom::{Affine, Up};
-use crate::volume::{LengthUnit, Note, Place, Samples, Solid, Volume, samples_at};
+use crate::volume::{LengthUnit, ModelText, Note, Place, Samples, Solid, Volume, samples_at};
 use bytemuck::Pod;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use std::sync::Arc;
 
 /// The note on a volume from a store that does not say whether its frame is a patient's.
 pub const FRONT_NOT_RECORDED: &str = "the store is too old to say whether its frame is anatomical: taken as not";
@@ -43,6 +44,15 @@ struct Attributes {
     /// The file that holds the samples, where the store does not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     reference: Option<Place>,
+    /// The text of the model that it is samples of, and the name of its file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    model: Option<ModelNote>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct ModelNote {
+    file: String,
+    text: String,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -93,6 +103,7 @@ pub(super) fn metadata(volume: &Volume) -> Value {
         name: volume.name.clone(),
         notes,
         reference: volume.samples().place().filter(|_| volume.by_reference),
+        model: volume.model.as_ref().map(|m| ModelNote { file: m.file.clone(), text: m.text.clone() }),
     };
     let attributes = super::metadata::sealed(json!(attributes));
     array(volume.dims(), volume.samples().type_name()).metadata(attributes)
@@ -262,7 +273,7 @@ pub(super) fn read(backing: &Backing, key: &str, dims: [usize; 3]) -> Result<Vol
     };
     array(dims, data_type).check(&metadata).map_err(|e| e.in_file(&name))?;
     let attributes = super::metadata::unsealed(&metadata).map_err(|e| e.in_file(&name))?;
-    let Attributes { affine, slope, inter, unit, up, anatomical, solid, name: title, notes, reference } =
+    let Attributes { affine, slope, inter, unit, up, anatomical, solid, name: title, notes, reference, model } =
         serde_json::from_value(attributes).map_err(|e| wrong(e.to_string(), "the attributes of a volume"))?;
     let column = |c: usize| DVec3::new(affine[0][c], affine[1][c], affine[2][c]);
     let affine = Affine::new(DMat3::from_cols(column(0), column(1), column(2)), column(3))
@@ -285,6 +296,7 @@ pub(super) fn read(backing: &Backing, key: &str, dims: [usize; 3]) -> Result<Vol
     volume.unit = unit.map_or(LengthUnit::Unknown, LengthUnit::Metres);
     volume.by_reference = reference.is_some() && volume.samples().place().is_some();
     volume.notes = notes.into_iter().map(|n| Note { text: n.text, count: n.count }).collect();
+    volume.model = model.map(|m| Arc::new(ModelText { file: m.file, text: m.text }));
     if anatomical.is_none() {
         volume.notes.push(Note { text: FRONT_NOT_RECORDED.into(), count: 1 });
     }

@@ -22,6 +22,8 @@ const VIEWS = {
 const IDLE = 160, SMOOTH = 45, PATIENT = 2500;
 // Rays along a pixel's side at silhouettes, and rows that a slow GPU refines at a time.
 const FINE = 4, ROWS = 24;
+// Pause between looks at a watched file, in milliseconds.
+const WATCH = 500;
 
 const state = {
   ...START, isovalue: 0, perspective: false, environment: 0, rotation: 0, exposure: 0, autoExposure: true,
@@ -638,6 +640,26 @@ function takeState({ env, colormap, camera, ...rest }) {
   update(change);
 }
 
+/** Asks now and then whether a watched file was saved: shows what it has become from the same side, or why it cannot be shown. */
+async function watch(told = null) {
+  const { revision, message } = await (await request("watched.json")).json();
+  if (revision !== header.watched) {
+    const kept = sharedState();
+    // The file may say another isovalue to begin with.
+    if (kept.isovalue === header.isovalue) delete kept.isovalue;
+    sessionStorage.setItem(location.pathname, JSON.stringify(kept));
+    return location.reload();
+  }
+  if (message !== told) say(message ?? "");
+  setTimeout(() => watch(message).catch((error) => say(`the program does not answer any more: ${error.message}`)), WATCH);
+}
+
+/** What was shown before a watched file was saved. */
+function takeStateBefore() {
+  const before = sessionStorage.getItem(location.pathname);
+  if (before !== null) takeState(JSON.parse(before));
+}
+
 function connectHost() {
   host.on("update", ({ state }) => takeState(state));
   host.on("probe", ({ name, ...image }) => addProbe(name, image));
@@ -665,6 +687,10 @@ async function start() {
   showSky();
   update({ isovalue: state.isovalue });
   if (host) connectHost();
+  if (header.watched !== undefined) {
+    takeStateBefore();
+    watch();
+  }
   // For tests and for the curious.
   window.isolume = {
     state, update, counters, header, renderer, view, measure, openFile, coefficientsInWorld, setTheme,
@@ -677,5 +703,7 @@ start().catch((error) => {
   say(error.message);
   $("shown").textContent = "";
   host?.tell("failed", { reason: error.message });
+  // Header and payload of two versions of a watched file do not fit.
+  if (header?.watched !== undefined) setTimeout(() => location.reload(), WATCH);
   throw error;
 });

@@ -11,12 +11,14 @@ mod http;
 
 use super::{Package, page};
 use crate::error::Error;
+use crate::file;
 use crate::probe::{Probe, ReadOptions};
 use http::{Head, Refusal, Timed, read_body, read_head, write_answer};
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 /// Connections that are served at a time; more are turned away.
@@ -27,6 +29,8 @@ const MOST_PROBE_BYTES: usize = 64 << 20;
 const MOST_PROBE_PIXELS: usize = 1 << 25;
 /// Environments that are received at a time, so that no more than these are held.
 const MOST_UPLOADS: usize = 2;
+/// How often a watched file is looked at.
+const LOOK: Duration = Duration::from_millis(200);
 /// Longest silence of the other side; the head of a request must be there within it.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Longest time for an environment to arrive.
@@ -46,11 +50,57 @@ struct Site {
     /// Policy of the page: its own script alone, nothing from elsewhere, in no frame.
     policy: String,
     document: String,
-    header: String,
-    payload: Vec<u8>,
+    content: RwLock<Content>,
     connections: Arc<AtomicUsize>,
     uploads: Arc<AtomicUsize>,
     decoding: Mutex<()>,
+}
+
+/// What the page shows: another once a watched file was saved.
+struct Content {
+    header: Arc<String>,
+    payload: Arc<Vec<u8>>,
+    /// How often it was made anew; `None` where nothing is watched.
+    revision: Option<u32>,
+    /// Why the file as it stands cannot be shown.
+    message: Option<String>,
+}
+
+impl Content {
+    fn new(mut package: Package, revision: Option<u32>) -> Self {
+        if revision.is_some() {
+            // The page asks for changes then.
+            package.header["watched"] = revision.into();
+        }
+        let (header, payload) = (Arc::new(package.header.to_string()), Arc::new(package.payload));
+        Self { header, payload, revision, message: None }
+    }
+}
+
+/// A file that is looked at again and again.
+pub struct Watched {
+    path: PathBuf,
+    stamp: Option<String>,
+}
+
+impl Watched {
+    /// A file as it stands now: take it before the file is read.
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        let path = path.into();
+        Self { stamp: file::stamp(&path), path }
+    }
+
+    /// Waits until the file was saved.
+    fn wait(&mut self) {
+        loop {
+            std::thread::sleep(LOOK);
+            let stamp = file::stamp(&self.path);
+            if stamp.is_some() && stamp != self.stamp {
+                self.stamp = stamp;
+                return;
+            }
+        }
+    }
 }
 
 /// One of so many that may exist at a time.
@@ -77,11 +127,12 @@ fn random() -> Result<String, Error> {
 }
 
 impl Server {
-    /// Listens on this machine, for who will ask for the page with this package; port 0 is any that is free.
+    /// Listens on this machine, for who will ask for the page with this package; port 0 is any that is free. `is_watched`: whether
+    /// it will show others ([`Self::watch`]).
     ///
     /// # Errors
     /// When the port is taken, or the system has no random numbers.
-    pub fn new(port: u16, package: Package) -> Result<Self, Error> {
+    pub fn new(port: u16, package: Package, is_watched: bool) -> Result<Self, Error> {
         let remedy = "give another --port";
         let taken = |e: io::Error| Error::argument("--port", format!("{port}: {e}"), "a port that is free", remedy);
         let listener = TcpListener::bind(("127.0.0.1", port)).map_err(taken)?;
@@ -96,8 +147,7 @@ impl Server {
             token,
             policy,
             document,
-            header: package.header.to_string(),
-            payload: package.payload,
+            content: RwLock::new(Content::new(package, is_watched.then_some(0))),
             connections: Arc::default(),
             uploads: Arc::default(),
             decoding: Mutex::new(()),
@@ -112,6 +162,29 @@ impl Server {
     pub fn address(&self) -> Result<String, Error> {
         let address = self.listener.local_addr().map_err(|e| Error::io("", "listen", e))?;
         Ok(format!("http://{address}/{}/", self.site.token))
+    }
+
+    /// Answers, and shows what a file has become whenever it is saved: `remake` makes the package of it, or says why it cannot; then
+    /// what was shown stays, with that message on the page.
+    ///
+    /// # Errors
+    /// The first outer error of `remake`; when the system has no thread.
+    pub fn watch<E: From<Error>>(
+        self,
+        mut file: Watched,
+        mut remake: impl FnMut() -> Result<Result<Package, String>, E>,
+    ) -> Result<(), E> {
+        let site = Arc::clone(&self.site);
+        let answering = std::thread::Builder::new().name("server".into());
+        answering.spawn(move || self.run()).map_err(|e| Error::io("", "start a thread", e))?;
+        loop {
+            file.wait();
+            let made = remake()?;
+            site.change(|content| match made {
+                Ok(package) => *content = Content::new(package, content.revision.map(|n| n + 1)),
+                Err(message) => content.message = Some(message),
+            });
+        }
     }
 
     /// Answers, for ever: the page, its data, and environments that it sends to be decoded.
@@ -156,16 +229,28 @@ impl Site {
 
     fn answer(&self, stream: &TcpStream, head: &Head, begun: Vec<u8>) -> Result<io::Result<()>, Refusal> {
         let page = self.check(head)?;
+        let (header, payload, state) = {
+            let content = self.content.read().unwrap_or_else(PoisonError::into_inner);
+            let state = serde_json::json!({ "revision": content.revision, "message": content.message });
+            (Arc::clone(&content.header), Arc::clone(&content.payload), state.to_string())
+        };
         let (kind, body): (_, &[u8]) = match (head.method.as_str(), page) {
             ("GET" | "HEAD", "") => ("text/html; charset=utf-8", self.document.as_bytes()),
-            ("GET" | "HEAD", "header.json") => ("application/json", self.header.as_bytes()),
-            ("GET" | "HEAD", "payload.bin") => ("application/octet-stream", &self.payload),
+            ("GET" | "HEAD", "header.json") => ("application/json", header.as_bytes()),
+            ("GET" | "HEAD", "payload.bin") => ("application/octet-stream", &payload),
+            ("GET" | "HEAD", "watched.json") => ("application/json", state.as_bytes()),
             ("POST", "probe") => return self.receive(stream, head, begun),
-            (_, "" | "header.json" | "payload.bin") => return Err(Refusal::new(405, "GET and HEAD alone")),
+            (_, "" | "header.json" | "payload.bin" | "watched.json") => {
+                return Err(Refusal::new(405, "GET and HEAD alone"));
+            }
             (_, "probe") => return Err(Refusal::new(405, "POST alone")),
             _ => return Err(Refusal::new(404, "not found")),
         };
         Ok(self.write(stream, 200, &[("Content-Type", kind)], body, head.method != "HEAD"))
+    }
+
+    fn change(&self, change: impl FnOnce(&mut Content)) {
+        change(&mut self.content.write().unwrap_or_else(PoisonError::into_inner));
     }
 
     /// Refuses who may not ask; what is asked for otherwise, below the token.

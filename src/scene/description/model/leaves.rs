@@ -5,10 +5,11 @@ use super::super::surroundings::{required, rotation, scale, vector};
 use super::operators::exponent;
 use super::{Context, molecule};
 use crate::error::{Error, Result};
-use crate::geom::Affine;
+use crate::geom::{Affine, Bounds};
 use crate::model::convolution::{gauss, lines_of_triangle};
 use crate::model::{
-    Convolution, Falloff, Formula, Kernel, Leaf, MeshDistance, Node, Op, Radial, Rbf, Round, Shape, Skeletal,
+    Between, Convolution, Falloff, Formula, Grid, Kernel, Leaf, MeshDistance, Node, Op, Radial, Rbf, Round, Shape,
+    Skeletal, Warp,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -92,6 +93,7 @@ pub(super) fn read(kind: &str, item: &Item<'_>, context: &mut Context<'_>) -> Re
         }
         "mesh" => mesh(item, &with(&["file", "sign", "scale", "rotate", "translate"]), context)?,
         "convolution" => convolution(item)?,
+        "volume" => volume(item, context)?,
         "rbf" => rbf(item, context)?,
         "formula" => formula(item)?,
         _ => return Ok(None),
@@ -361,6 +363,41 @@ fn mesh(item: &Item<'_>, keys: &[&str], context: &mut Context<'_>) -> Result<Nod
     skeleton(&section, item, Shape::Mesh(Arc::new(distance)), context)
 }
 
+/// isovalue of the model + weight × (value − isovalue of the file), by the samples of a file; outside of its box the least.
+fn volume(item: &Item<'_>, context: &mut Context<'_>) -> Result<Node> {
+    let section = item.section(&["file", "isovalue", "weight", "scale", "rotate", "translate"])?;
+    let file = required(&section, item, "file", "write file = \"brain.nii.gz\"")?;
+    let isovalue =
+        required(&section, item, "isovalue", "write isovalue = 90: the value of the file that is its surface")?;
+    let weight = match section.get("weight") {
+        None => 1.0,
+        Some(item) => match item.number()? {
+            weight if (1e-15..1e15).contains(&weight.abs()) => weight,
+            _ => return Err(item.refuse("a number other than 0", "such as 1, or -1 where low values are solid")),
+        },
+    };
+    let translate = section.get("translate").map_or(Ok(DVec3::ZERO), |t| vector(&t))?;
+    let (turned, threshold) = (rotation(&section)? * scale(&section)?, isovalue.number()?);
+    let volume = context.files.volume(file.text()?)?;
+    volume.check_cells()?;
+    let from_grid = volume.world_from_grid();
+    let map = Affine::new(turned * from_grid.linear(), turned * from_grid.offset() + translate);
+    let map = map.ok_or_else(|| item.refuse("a map with an inverse", "correct scale, rotate or translate"))?;
+    let (dims, samples) = (volume.dims(), volume.samples());
+    let value = |i: usize| volume.value_from_raw(f64::from(samples.raw(i))) as f32;
+    let values = (0..samples.len()).map(value).collect();
+    let last = DVec3::from_array(dims.map(|n| (n - 1) as f64));
+    let (low, high) = volume.value_range();
+    // What is outside is not solid.
+    let beyond = f64::from(if weight > 0.0 { low } else { high } as f32);
+    let bounds = Bounds { min: DVec3::ZERO, max: last };
+    let grid = Grid::new(dims, values, bounds, Between::Linear(beyond));
+    let grid = grid.ok_or_else(|| item.refuse("a volume with cells", "give another file"))?;
+    let placed = Node::of(Op::Warp(Warp::affine(map)), vec![Node::leaf(Leaf::Grid(Arc::new(grid)))]);
+    let above = Node::of(Op::Offset(-threshold), vec![placed]);
+    Ok(Node::of(Op::Offset(context.iso), vec![Node::of(Op::Weight(weight), vec![above])]))
+}
+
 fn convolution(item: &Item<'_>) -> Result<Node> {
     let section = item.section(&["points", "closed", "filled", "arc", "kernel", "sharpness", "radius", "weight"])?;
     let reach = positive(&section, item, "radius")?;
@@ -454,7 +491,7 @@ fn rbf(item: &Item<'_>, context: &mut Context<'_>) -> Result<Node> {
         let expected = format!("normals, one a point: {} (found {})", points.len(), normals.len());
         return Err(item.refuse(expected, "they point out of the solid"));
     }
-    let all = points.iter().fold(crate::geom::Bounds::EMPTY, |all, p| all.including(*p));
+    let all = points.iter().fold(Bounds::EMPTY, |all, p| all.including(*p));
     let offset = match section.get("offset") {
         Some(item) => number_above(&item)?,
         None => 0.02 * all.size().length(),

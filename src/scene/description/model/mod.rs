@@ -17,8 +17,9 @@ use crate::model::tree::{DEEPEST, MOST_NODES};
 use crate::model::{Node, Tree};
 use crate::scene::geometry::TriangleMesh;
 use crate::scene::nearest;
-use crate::volume::Solid;
+use crate::volume::{Solid, Volume};
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 /// Samples along the longest side where neither the name nor the model says.
 pub const DEFAULT_SAMPLES: usize = 128;
@@ -26,7 +27,7 @@ pub const DEFAULT_SAMPLES: usize = 128;
 pub const MOST_SAMPLES: usize = 4096;
 
 const SETTINGS: [&str; 4] = ["bounds", "isovalue", "root", "samples"];
-const KINDS: [&str; 34] = [
+const KINDS: [&str; 35] = [
     "point",
     "points",
     "segment",
@@ -39,6 +40,7 @@ const KINDS: [&str; 34] = [
     "box",
     "plane",
     "mesh",
+    "volume",
     "convolution",
     "rbf",
     "formula",
@@ -71,6 +73,12 @@ pub trait Files {
     /// When it cannot be read.
     fn mesh(&mut self, name: &str) -> Result<TriangleMesh>;
 
+    /// A volume.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    fn volume(&mut self, name: &str) -> Result<Volume>;
+
     /// The bytes of a file.
     ///
     /// # Errors
@@ -82,7 +90,7 @@ pub trait Files {
 #[derive(Clone, Debug)]
 pub struct ModelDescription {
     /// What is sampled.
-    pub tree: Tree,
+    pub tree: Arc<Tree>,
     /// The box.
     pub bounds: Bounds,
     /// The isovalue at which nodes mean what they say.
@@ -172,7 +180,7 @@ impl ModelDescription {
         }
         let up = all.get("up").map(|item| axis(&item)).transpose()?;
         let solid = all.get("solid").map(|item| side(&item)).transpose()?;
-        Ok(Self { tree, bounds, isovalue, dims, notes, up, solid })
+        Ok(Self { tree: Arc::new(tree), bounds, isovalue, dims, notes, up, solid })
     }
 }
 

@@ -6,7 +6,7 @@ use super::Reading;
 use super::leaves::number_above;
 use crate::error::Result;
 use crate::geom::{Affine, Bounds};
-use crate::model::{Contact, Crease, Grid, Kind, Leaf, Node, Op, Pasko, Show, Tree, Warp, grid};
+use crate::model::{Between, Contact, Crease, Grid, Kind, Leaf, Node, Op, Pasko, Show, Tree, Warp, grid};
 use glam::{DMat3, DVec3};
 
 /// Points at which the error of a cached subtree is estimated.
@@ -358,7 +358,8 @@ fn cache<'a>(item: &Item<'a>, reading: &mut Reading<'a, '_>) -> Result<Node> {
     let mut samples = Vec::new();
     let counters = tree.sample(&bounds, dims, true, &mut samples);
     let range = samples.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-    let grid = Grid::new(dims, samples, bounds).ok_or_else(|| item.refuse("a box with a volume", "see the bounds"))?;
+    let grid = Grid::new(dims, samples, bounds, Between::Cubic);
+    let grid = grid.ok_or_else(|| item.refuse("a box with a volume", "see the bounds"))?;
     let [most, rms] = grid::difference(&bounds, PROBES, |p| tree.value(p), |p| grid.value(p.to_array()));
     let of_range = f64::from(range.1 - range.0).max(f64::MIN_POSITIVE);
     reading.context.notes.push(format!(

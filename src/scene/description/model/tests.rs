@@ -1,4 +1,6 @@
 use super::*;
+use crate::geom::Affine;
+use crate::volume::Samples;
 use glam::DVec3;
 
 /// A file that is not there, and a tetrahedron or a water molecule for all names that are.
@@ -12,6 +14,13 @@ impl Files for Made {
             triangles.pop();
         }
         Ok(TriangleMesh { positions, triangles })
+    }
+
+    /// x + 2 y + 4 z + 10 on a box from 0 to (1, 2, 2).
+    fn volume(&mut self, _: &str) -> Result<Volume> {
+        let at = |[x, y, z]: [usize; 3]| (x + 2 * y + 4 * z + 10) as u8;
+        let samples = Samples::U8(crate::grid3::all([2, 3, 3]).map(at).collect());
+        Volume::new([2, 3, 3], samples, Affine::from_spacing(DVec3::ONE, DVec3::ZERO).unwrap())
     }
 
     fn bytes(&mut self, name: &str) -> Result<Vec<u8>> {
@@ -272,4 +281,29 @@ fn examples_fit_their_boxes() {
         }
     }
     assert!(count >= 6, "{count} examples");
+}
+
+#[test]
+fn a_volume_is_trilinear_where_it_lies_and_its_least_outside() {
+    let body =
+        "[model.volume.v]\nfile = \"v.nii\"\nisovalue = 16\nweight = 0.5\nscale = 0.25\ntranslate = [-0.5, 0, 0.125]\n";
+    let model = read(body).unwrap();
+    // p = 0.25 q + t; f = ½ + ½ (h(q) − 16).
+    let of = |q: DVec3| 0.5 + 0.5 * (q.x + 2.0 * q.y + 4.0 * q.z + 10.0 - 16.0);
+    for q in [DVec3::new(0.3, 0.7, 1.4), DVec3::new(1.0, 2.0, 2.0), DVec3::new(0.0, 1.0, 0.5)] {
+        let p = 0.25 * q + DVec3::new(-0.5, 0.0, 0.125);
+        let (value, gradient) = model.tree.value_and_gradient(p);
+        near(value, of(q));
+        assert!((gradient - DVec3::new(2.0, 4.0, 8.0)).length() < 1e-9, "{gradient}");
+    }
+    near(model.tree.value(DVec3::new(0.9, 0.0, 0.0)), 0.5 + 0.5 * (10.0 - 16.0));
+    // Below: high values are empty, and what is outside is the highest.
+    near(value(&body.replace("weight = 0.5", "weight = -1"), [0.9, 0.0, 0.0]), 0.5 - (23.0 - 16.0));
+    for (wrong, expected) in
+        [("isovalue = 16\n", "isovalue"), ("file = \"v.nii\"\n", "file"), ("weight = 0.5", "other than 0")]
+    {
+        let with = if wrong.starts_with("weight") { "weight = 0" } else { "" };
+        let text = read(&body.replace(wrong, with)).unwrap_err().to_string();
+        assert!(text.contains("m.toml:") && text.contains(expected), "{text}");
+    }
 }

@@ -20,7 +20,7 @@ const VERTICES: usize = CHUNK_VERTICES + 700;
 fn with_surface(directory: &Path) -> (PathBuf, Store, Store) {
     let path = directory.join("x.isolume");
     let store = Store::create(&path, &volume(), &identity(), provenance()).unwrap();
-    let surface = store.open_or_add_surface(-0.25, &mesh(VERTICES), volume().world_from_grid()).unwrap();
+    let surface = store.open_or_add_surface(-0.25, &mesh(VERTICES), volume().world_from_grid(), false).unwrap();
     let bricks = (0..8).map(|slot| (slot == 1).then(|| brick(slot))).collect();
     surface.write_chunk([1, 0, 0], bricks, &ChunkExtent::new(Some(-0.25), 64, None)).unwrap();
     (path, store, surface)
@@ -49,7 +49,7 @@ fn a_surface_comes_back_with_its_mesh_and_its_vertices() {
     read(&Store::open(&archive).unwrap());
     // The same mesh again changes nothing; readers of Zarr find all of it in the root.
     let before = files(&path);
-    store.open_or_add_surface(-0.25, &mesh(VERTICES), volume().world_from_grid()).unwrap();
+    store.open_or_add_surface(-0.25, &mesh(VERTICES), volume().world_from_grid(), false).unwrap();
     assert!(files(&path) == before);
     let root: Value = serde_json::from_slice(&fs::read(path.join("zarr.json")).unwrap()).unwrap();
     let listed = &root["consolidated_metadata"]["metadata"];
@@ -64,7 +64,7 @@ fn a_surface_comes_back_with_its_mesh_and_its_vertices() {
 fn another_mesh_and_damage_are_refused_and_mended_by_the_same_mesh() {
     let directory = tempfile::tempdir().unwrap();
     let (path, store, surface) = with_surface(directory.path());
-    match store.open_or_add_surface(-0.25, &mesh(VERTICES - 1), volume().world_from_grid()) {
+    match store.open_or_add_surface(-0.25, &mesh(VERTICES - 1), volume().world_from_grid(), false) {
         Err(Error::Mismatch { field, .. }) => assert_eq!(field, "mesh"),
         other => panic!("{other:?}"),
     }
@@ -81,11 +81,11 @@ fn another_mesh_and_damage_are_refused_and_mended_by_the_same_mesh() {
         assert!(read.is_err() || is_metadata_of_array, "{name}");
         let found = diagnose(&store, &|_, _| crate::transfer::Selection::empty(layout().lattice)).unwrap();
         assert!(found.findings.iter().any(crate::finding::Finding::is_damage), "{name}: {found:?}");
-        store.open_or_add_surface(-0.25, &mesh(VERTICES), volume().world_from_grid()).unwrap();
+        store.open_or_add_surface(-0.25, &mesh(VERTICES), volume().world_from_grid(), false).unwrap();
         assert!(files(&path) == sound, "{name}");
     }
     // Transfer of another mesh is another's: its record says so.
-    let other = store.open_or_add_surface(0.5, &mesh(VERTICES - 3), volume().world_from_grid()).unwrap();
+    let other = store.open_or_add_surface(0.5, &mesh(VERTICES - 3), volume().world_from_grid(), false).unwrap();
     for array in ["transfer/c/1/0", "stderr/c/1/0", "validity/c/1", "rays/c/1", "rays/extent/0.0.1.json"] {
         let (from, to) = (place.join(array), path.join("surfaces/a_b__/0.5").join(array));
         fs::create_dir_all(to.parent().unwrap()).unwrap();
@@ -101,7 +101,8 @@ fn a_mesh_that_nobody_could_read_is_refused_by_name() {
     let (path, store, surface) = with_surface(directory.path());
     let before = files(&path);
     let refused = |isovalue: f64, mesh: &Mesh, word: &str| {
-        let message = store.open_or_add_surface(isovalue, mesh, volume().world_from_grid()).unwrap_err().to_string();
+        let message =
+            store.open_or_add_surface(isovalue, mesh, volume().world_from_grid(), false).unwrap_err().to_string();
         assert!(message.contains(word), "{message}");
     };
     let good = mesh(8);
@@ -111,7 +112,7 @@ fn a_mesh_that_nobody_could_read_is_refused_by_name() {
     let mut broken = good.clone();
     broken.positions_in_grid[3][1] = f32::INFINITY;
     refused(0.5, &broken, "finite");
-    assert!(surface.open_or_add_surface(0.5, &good, volume().world_from_grid()).is_err());
+    assert!(surface.open_or_add_surface(0.5, &good, volume().world_from_grid(), false).is_err());
     // Check points of other numbers, or with lists that do not belong together.
     let checks = CheckPoints {
         positions_in_grid: vec![[1.0; 3]; 2],
@@ -177,7 +178,7 @@ fn groups_of_a_scene_lie_below_their_surface() {
     };
     let identity = Identity { scene: Some(scene), ..identity() };
     let store = Store::create(&path, &volume(), &identity, provenance()).unwrap();
-    let surface = store.open_or_add_surface(1e-40, &mesh(600), volume().world_from_grid()).unwrap();
+    let surface = store.open_or_add_surface(1e-40, &mesh(600), volume().world_from_grid(), false).unwrap();
     let lamp = surface.group(&Group::Luminaire("lamp".into())).unwrap();
     assert_eq!(lamp.layout().layers.coefficients(), 2 * 3);
     assert!(path.join("surfaces/a_b__/1e-40/luminaire.lamp/transfer/zarr.json").is_file());

@@ -1,0 +1,91 @@
+//! Vertices of an isosurface of a model on the model itself, in the place of its samples.
+
+use super::Mesh;
+use crate::geom::Direction;
+use crate::model::{RootFinder, Tree, root_on_segment};
+use crate::volume::Volume;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Vertices that a task moves.
+const RUN: usize = 256;
+/// How far a vertex inside a cell may move along the gradient, in voxels.
+const REACH: f64 = 0.5;
+
+/// Margin that a vertex inside a cell keeps from its faces.
+const MARGIN: f64 = 1.0 / 64.0;
+
+/// Moves every vertex along its edge of the grid to where the model has the isovalue, those inside cells along the gradient, and
+/// takes the normals from the model's gradient. A vertex stays where it is where the model does not cross the isovalue on its
+/// edge: where a sample is the isovalue but for rounding, or samples were changed; a normal, where the gradient vanishes.
+///
+/// Light is still that of the samples: rays start at these vertices as if they lay on the trilinear level set, by the rule of
+/// [`crate::level`], and carry the isovalue of the surface. Against surfaces of four times the resolution that is a little nearer
+/// than rays that carry the value which the samples have at the vertex: radiance of a hand, a mug and a column is off by 1.6, 6.7
+/// and 3.8 % (RMS) instead of 1.8, 7.2 and 4.0 %; at vertices on the samples by 3.9, 9.1 and 12.2 %.
+///
+/// Edges keep their vertices, `least` from their ends: what is promised of the topology holds.
+pub(super) fn onto_model(mesh: &mut Mesh, volume: &Volume, model: &Tree, isovalue: f64, least: f64) {
+    let moving = Moving { volume, model, isovalue, least };
+    let positions = mesh.positions_in_grid.par_chunks_mut(RUN);
+    positions.zip(mesh.normals.par_chunks_mut(RUN)).for_each(|(positions, normals)| {
+        for (position, normal) in positions.iter_mut().zip(normals) {
+            let place = DVec3::from_array(position.map(f64::from));
+            if let Some(moved) = moving.on_edge(place).unwrap_or_else(|| moving.inside(place)) {
+                *position = moved.as_vec3().to_array();
+            }
+            if let Some(direction) = moving.normal(DVec3::from_array(position.map(f64::from))) {
+                *normal = direction.vec().to_array();
+            }
+        }
+    });
+}
+
+struct Moving<'a> {
+    volume: &'a Volume,
+    model: &'a Tree,
+    isovalue: f64,
+    least: f64,
+}
+
+impl Moving<'_> {
+    fn in_world(&self, place: DVec3) -> DVec3 {
+        self.volume.world_from_grid().point(place)
+    }
+
+    fn root(&self, start: DVec3, end: DVec3) -> Option<f64> {
+        let ends = [start, end].map(|p| self.in_world(p));
+        let values = ends.map(|p| self.model.value(p));
+        Some(root_on_segment(self.model, self.isovalue, ends, values, RootFinder::Newton)?.along)
+    }
+
+    /// Where a vertex of an edge comes to lie; `None` of the outer option where it lies on no edge.
+    fn on_edge(&self, place: DVec3) -> Option<Option<DVec3>> {
+        let start = place.floor();
+        let mut between = (0..3).filter(|&a| place[a] != start[a]);
+        let (Some(axis), None) = (between.next(), between.next()) else { return None };
+        let along = self.root(start, start + DVec3::AXES[axis]);
+        Some(along.map(|t| start + DVec3::AXES[axis] * t.clamp(self.least, 1.0 - self.least)))
+    }
+
+    /// Where a vertex inside a cell comes to lie, along the gradient; it stays in the cell.
+    fn inside(&self, place: DVec3) -> Option<DVec3> {
+        let (value, gradient) = self.model.value_and_gradient(self.in_world(place));
+        let in_grid = self.volume.world_from_grid().linear().transpose() * gradient;
+        let way = in_grid.try_normalize()? * if value > self.isovalue { -REACH } else { REACH };
+        let (low, high) = (place.floor() + MARGIN, place.floor() + 1.0 - MARGIN);
+        let room = |a: usize| {
+            let wall = if way[a] > 0.0 { high[a] } else { low[a] };
+            if way[a] == 0.0 { 1.0 } else { ((wall - place[a]) / way[a]).max(0.0) }
+        };
+        let end = place + way * room(0).min(room(1)).min(room(2)).min(1.0);
+        Some(place + (end - place) * self.root(place, end)?)
+    }
+
+    fn normal(&self, place: DVec3) -> Option<Direction> {
+        let (_, gradient) = self.model.value_and_gradient(self.in_world(place));
+        // Scaled first: single precision has less room.
+        let unit = (gradient / gradient.abs().max_element()) * -f64::from(self.volume.solid_sign());
+        Direction::new(unit.as_vec3())
+    }
+}
