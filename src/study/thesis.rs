@@ -83,6 +83,19 @@ pub struct Effort {
     pub seed: u64,
 }
 
+impl Effort {
+    /// How the figures of the table are to be read.
+    pub fn legend(&self) -> String {
+        format!(
+            "RMS %: of linear radiance after the exposure of the reference, cut to [0, 1], mean over the isosurfaces, as Beason (2005) \
+             measured; reference: {} paths at each of {} vertices. Precompute: the bake of all isosurfaces by {} paths a vertex, wall clock; \
+             his: photons and texture. Sizes of the room and colours of its walls are ours: they are not printed in the thesis. nucleons and \
+             spray are stand-ins for data that are not public.",
+            self.paths, self.points, self.rays
+        )
+    }
+}
+
 /// One isosurface of a row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OfIsovalue {

@@ -14,7 +14,7 @@ use crate::memory;
 use crate::probe::{Orientation, Probe};
 use crate::scene::{DARK, Effects, Scene, SceneFile, TextureSize, open_probe};
 use crate::study::placements::Placement;
-use crate::study::placements::sweep::{PlacementRow, PlacementSweep};
+use crate::study::placements::sweep::PlacementSweep;
 use crate::volume::Isovalue;
 use std::path::PathBuf;
 
@@ -122,7 +122,7 @@ impl PlacementsArgs {
         let found = sweep.run(&clock(), &|text| console.note(text))?;
         let name = file_name(&self.input);
         found.write(&folder, &name)?;
-        console.print(table(&found.rows));
+        console.print(text::table(&found.table()));
         console.print(format!("\n{}", sweep.legend(&found.reference)));
         console.print(format!("\nwritten to {}: placements.csv, placements.json", folder.display()));
         console.print_json(&found.to_json(&name));
@@ -145,46 +145,4 @@ impl PlacementsArgs {
             [albedo, emission.as_ref().map_or([0.0; 3], |rule| rule.at(isovalue))]
         }
     }
-}
-
-fn table(rows: &[PlacementRow]) -> String {
-    let head = [
-        "placement",
-        "samples",
-        "RMS %, d^-5",
-        "RMS %, tent",
-        "thesis",
-        "relative RMS, d^-5",
-        "tent",
-        "D, texels",
-        "empty",
-        "traced",
-        "noise of a sample",
-        "cpu s",
-    ];
-    let mut lines = vec![text::row(head)];
-    for row in rows {
-        let first = &row.found[0];
-        let shown = |weight: usize| {
-            let (mean, error) = row.over(|f| f.errors[weight].distance.rms_percent);
-            format!("{mean:.2} ± {error:.2}")
-        };
-        let relative = |weight: usize| text::percent(row.over(|f| f.errors[weight].distance.relative_rms.value).0);
-        let scattered = row.placement != Placement::Texels;
-        lines.push(vec![
-            row.placement.name().into(),
-            text::count(first.samples),
-            shown(0),
-            if scattered { shown(1) } else { "-".into() },
-            row.placement.of_the_thesis().filter(|_| row.asked == 1_000_000).map_or("-".into(), |v| format!("{v:.2}")),
-            relative(0),
-            if scattered { relative(1) } else { "-".into() },
-            if scattered { format!("{:.2}", first.radius_in_texels) } else { "-".into() },
-            text::percent(row.over(|f| f.empty as f64 / f.texels.max(1) as f64).0),
-            text::count(first.traced),
-            text::percent(first.sample_noise),
-            format!("{:.1}", row.cpu),
-        ]);
-    }
-    text::table(&lines)
 }

@@ -66,56 +66,11 @@ impl ThesisArgs {
         let scratch = tempfile::Builder::new().prefix(".stores-").tempdir_in(&folder);
         let scratch = scratch.map_err(|e| Error::io(&folder, "make a folder in", e))?;
         let found = ThesisTable::measure(sets, &effort, scratch.path(), &clock(), &|text| console.note(text))?;
-        console.print(table(&found));
-        console.print(format!(
-            "\nRMS %: of linear radiance after the exposure of the reference, cut to [0, 1], mean over the isosurfaces, as Beason (2005) \
-             measured; reference: {} paths at each of {} vertices. Precompute: the bake of all isosurfaces by {} paths a vertex, wall clock; \
-             his: photons and texture. Sizes of the room and colours of its walls are ours: they are not printed in the thesis. nucleons and \
-             spray are stand-ins for data that are not public.",
-            self.reference_paths, self.points, self.rays
-        ));
+        console.print(text::table(&found.table()));
+        console.print(format!("\n{}", effort.legend()));
         found.write(&folder)?;
         console.print_json(&found.to_json());
         console.print(folder.join("thesis.csv").display());
         Ok(())
     }
-}
-
-fn table(found: &ThesisTable) -> String {
-    let head = [
-        "data set",
-        "volumes",
-        "resolution",
-        "vertices",
-        "precompute",
-        "thesis",
-        "texturing",
-        "thesis",
-        "direct",
-        "thesis",
-        "RMS %, SH",
-        "photons",
-        "thesis",
-    ];
-    let mut lines = vec![text::row(head)];
-    for (data, row) in &found.rows {
-        let seconds = |v: f64| format!("{} s", text::number(v, 3));
-        let printed = &data.printed;
-        lines.push(vec![
-            data.name.clone(),
-            data.scene.members().len().to_string(),
-            data.resolution.clone(),
-            text::count(row.surfaces.iter().map(|s| s.vertices).sum()),
-            seconds(row.bake[0]),
-            seconds(printed.precompute),
-            seconds(row.mean(|s| s.texturing)),
-            seconds(printed.texturing),
-            seconds(row.mean(|s| s.render)),
-            seconds(printed.render),
-            format!("{:.2}", row.mean(|s| s.rms_percent[0])),
-            format!("{:.2}", row.mean(|s| s.rms_percent[1])),
-            format!("{:.2}", printed.rms_percent),
-        ]);
-    }
-    text::table(&lines)
 }

@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::export::atomic;
 use crate::level::Pyramid;
 use crate::probe::{Orientation, Probe};
-use crate::quantity::count;
+use crate::quantity::{count, percent};
 use crate::sampling::DirectionalSource;
 use crate::sampling::statistics::Running;
 use crate::scene::Member;
@@ -180,6 +180,52 @@ impl PlacementRow {
 }
 
 impl PlacementStudy {
+    /// The rows for people, a head first.
+    pub fn table(&self) -> Vec<Vec<String>> {
+        let head = [
+            "placement",
+            "samples",
+            "RMS %, d^-5",
+            "RMS %, tent",
+            "thesis",
+            "relative RMS, d^-5",
+            "tent",
+            "D, texels",
+            "empty",
+            "traced",
+            "noise of a sample",
+            "cpu s",
+        ];
+        let mut lines = vec![head.map(String::from).to_vec()];
+        for row in &self.rows {
+            let first = &row.found[0];
+            let shown = |weight: usize| {
+                let (mean, error) = row.over(|f| f.errors[weight].distance.rms_percent);
+                format!("{mean:.2} ± {error:.2}")
+            };
+            let relative = |weight: usize| percent(row.over(|f| f.errors[weight].distance.relative_rms.value).0);
+            let scattered = row.placement != Placement::Texels;
+            lines.push(vec![
+                row.placement.name().into(),
+                count(first.samples),
+                shown(0),
+                if scattered { shown(1) } else { "-".into() },
+                row.placement
+                    .of_the_thesis()
+                    .filter(|_| row.asked == 1_000_000)
+                    .map_or("-".into(), |v| format!("{v:.2}")),
+                relative(0),
+                if scattered { relative(1) } else { "-".into() },
+                if scattered { format!("{:.2}", first.radius_in_texels) } else { "-".into() },
+                percent(row.over(|f| f.empty as f64 / f.texels.max(1) as f64).0),
+                count(first.traced),
+                percent(first.sample_noise),
+                format!("{:.1}", row.cpu),
+            ]);
+        }
+        lines
+    }
+
     /// All that was found, for programs; `input` names what was studied.
     pub fn to_json(&self, input: &str) -> Value {
         let mut whole = json!({ "input": input });

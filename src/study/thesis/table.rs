@@ -3,6 +3,7 @@
 use super::{Effort, OfIsovalue, PRINTED, Printed, ThesisRow, measure, room};
 use crate::error::{Error, Result};
 use crate::export::atomic;
+use crate::quantity::{count, number};
 use crate::scene::{Coupling, Member, Scene, VolumeOptions};
 use crate::study::Clock;
 use crate::volume::{Volume, field};
@@ -83,6 +84,46 @@ pub struct ThesisTable {
 }
 
 impl ThesisTable {
+    /// The rows for people, a head first.
+    pub fn table(&self) -> Vec<Vec<String>> {
+        let head = [
+            "data set",
+            "volumes",
+            "resolution",
+            "vertices",
+            "precompute",
+            "thesis",
+            "texturing",
+            "thesis",
+            "direct",
+            "thesis",
+            "RMS %, SH",
+            "photons",
+            "thesis",
+        ];
+        let mut lines = vec![head.map(String::from).to_vec()];
+        for (data, row) in &self.rows {
+            let seconds = |v: f64| format!("{} s", number(v, 3));
+            let printed = &data.printed;
+            lines.push(vec![
+                data.name.clone(),
+                data.scene.members().len().to_string(),
+                data.resolution.clone(),
+                count(row.surfaces.iter().map(|s| s.vertices).sum()),
+                seconds(row.bake[0]),
+                seconds(printed.precompute),
+                seconds(row.mean(|s| s.texturing)),
+                seconds(printed.texturing),
+                seconds(row.mean(|s| s.render)),
+                seconds(printed.render),
+                format!("{:.2}", row.mean(|s| s.rms_percent[0])),
+                format!("{:.2}", row.mean(|s| s.rms_percent[1])),
+                format!("{:.2}", printed.rms_percent),
+            ]);
+        }
+        lines
+    }
+
     /// Measures data sets, with stores in `scratch`; `note` hears of each.
     ///
     /// # Errors
