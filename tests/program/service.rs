@@ -231,7 +231,7 @@ mod linux {
     fn a_limit_on_addresses_is_named_before_memory_ends() {
         let bench = Bench::new();
         let line =
-            "ulimit -v 200000; exec \"$0\" bake bumpbox:96 --rays 4 --layers 4 --bands 5 --threads 1 -o u.isolume";
+            "ulimit -v 200000; exec \"$0\" bake bumpbox:256 --rays 4 --layers 4 --bands 5 --threads 1 -o u.isolume";
         let done = bench.here("bash").args(["-c", line]).arg(isolume()).output();
         let done = done.expect("a run");
         let said = String::from_utf8_lossy(&done.stderr).into_owned();
