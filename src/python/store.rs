@@ -87,7 +87,7 @@ impl Store {
             }
             let store = Held::open(&self.path)?;
             let probes = page_probes(probes, &store)?;
-            Ok(package_of(&store, &probes, (isovalue, 0.0, false), &options)?)
+            Ok(package_of(&store, &probes, ((isovalue, None), 0.0, false), &options)?)
         })
     }
 

@@ -9,12 +9,12 @@ use crate::session::Groups;
 use crate::transfer::store::{Completeness, SceneIdentity, Store};
 use crate::volume::Isovalue;
 
-/// What the page shows of a store: `isovalue` to begin with, `rotation` of the environment in a scene, and whether a bake that is not
-/// finished will do.
+/// What the page shows of a store: `isovalue` to begin with, where that is `auto` the one that a field or a model has, `rotation` of the
+/// environment in a scene, and whether a bake that is not finished will do.
 pub fn package_of(
     store: &Store,
     probes: &[Probe],
-    (isovalue, rotation, partial): (Isovalue, f64, bool),
+    ((isovalue, own), rotation, partial): ((Isovalue, Option<f64>), f64, bool),
     options: &Options,
 ) -> Result<Package> {
     let volume = store.volume()?;
@@ -23,7 +23,7 @@ pub fn package_of(
     store.check_texture(&held, "the page")?;
     let isovalue = match held.in_texture.first() {
         Some(&first) if !held.all && isovalue == Isovalue::Auto => first,
-        _ => isovalue.resolve(&volume, Some(volume.solid), None)?.value,
+        _ => isovalue.resolve(&volume, Some(volume.solid), own)?.value,
     };
     let identity = store.identity();
     let surroundings = identity.scene.as_ref();

@@ -111,8 +111,8 @@ impl View {
     }
 
     fn made(&self, seed: u64, console: &Console) -> Outcome<Package> {
-        let (store, _use) = self.store(seed, console)?;
-        self.package(&store, console)
+        let (store, own, _use) = self.store(seed, console)?;
+        self.package(&store, own, console)
     }
 
     /// What a watched file has become; a message where it cannot be shown.
@@ -125,15 +125,15 @@ impl View {
         }
     }
 
-    /// The store of what is shown, baked where it is not in the cache.
-    fn store(&self, seed: u64, console: &Console) -> Outcome<(Store, Option<InUse>)> {
+    /// The store of what is shown, baked where it is not in the cache, with the isovalue that its field or model has.
+    fn store(&self, seed: u64, console: &Console) -> Outcome<(Store, Option<f64>, Option<InUse>)> {
         if is_store(&self.input) || self.input.ends_with(".isolume") {
             check_store(&self.input)?;
             if self.all_isovalues {
                 let remedy = "leave it out: a store shows what it holds";
                 return Err(Error::argument("--all-isovalues", "with a store", "a scene", remedy).into());
             }
-            return Ok((self.choose(Store::open(&self.input)?, console)?, None));
+            return Ok((self.choose(Store::open(&self.input)?, console)?, None, None));
         }
         let mut scene = self.transfer.scene(&self.volume).open(&self.input, self.scene.as_ref())?;
         if let Some(name) = &self.of_volume {
@@ -151,8 +151,11 @@ impl View {
         }
         let (fill, note) = (filler(start, console), |text: &str| console.note(text));
         let mut bakes = MemberBakes::new(&cache, &quality, self.scene.as_ref(), &fill, &note);
-        let mut last = None;
+        let (mut last, mut own) = (None, None);
         for member in scene.members_mut() {
+            if self.of_volume.as_ref().map_or(last.is_none(), |name| *name == member.volume.name) {
+                own = member.default_isovalue;
+            }
             let chosen = bakes.choose(member, &isovalues)?;
             member.take_side(&chosen)?;
             if chosen.is_empty() {
@@ -169,7 +172,7 @@ impl View {
         };
         // Of several volumes the last one was filled last.
         let store = if scene.members().len() > 1 { Store::open(store.path())? } else { store };
-        Ok((self.choose(store, console)?, Some(in_use)))
+        Ok((self.choose(store, console)?, own, Some(in_use)))
     }
 
     /// The isovalues that the scene lists, and the one to begin with; none where all are baked.
@@ -202,7 +205,7 @@ impl View {
         open_probe(name, false, None).map_err(in_scene)
     }
 
-    fn package(&self, store: &Store, console: &Console) -> Outcome<Package> {
+    fn package(&self, store: &Store, own: Option<f64>, console: &Console) -> Outcome<Package> {
         let given = self.env.iter().map(|name| self.open_probe(name)).collect::<Result<Vec<_>, _>>()?;
         let probes = page_probes(given, store)?;
         let one_file = self.html.is_some();
@@ -212,7 +215,8 @@ impl View {
             coding: if one_file { Coding::Byte } else { Coding::Half },
         };
         let rotation = self.scene.as_ref().and_then(|file| file.description.probe.as_ref()?.rotation);
-        let package = package_of(store, &probes, (self.isovalue, rotation.unwrap_or(0.0), self.partial), &options)?;
+        let package =
+            package_of(store, &probes, ((self.isovalue, own), rotation.unwrap_or(0.0), self.partial), &options)?;
         console.note(format!("{}: {}", self.input, package.describe(store, &options)));
         Ok(package)
     }
