@@ -75,7 +75,6 @@ fn boxes(folder: &Path, size: usize, paths: u32) -> isolume::Result<()> {
             scales: Vec::new(),
             samples_luminaires: true,
             sees_through_backs: true,
-            distant_from: 0,
             seed: 77,
         };
         let hits: Vec<Option<[f32; 3]>> =

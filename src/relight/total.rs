@@ -11,9 +11,6 @@
 //! over a half of the paths is W_i or W'_i, and the mean of W W' estimates the mean square of the truth without the noise of
 //! either. What the blur takes away is not seen: edges of shadows sharper than it.
 //!
-//! *Lamps* that are lit apart are held against paths at some vertices, in two halves as above: less their stated noise what is left is
-//! the bias of the gather that brings what the surface reflects of them.
-//!
 //! Mean squares are over points and channels, errors relative to the mean radiance of the surface.
 
 use super::{Light, Material, Tail};
@@ -37,7 +34,7 @@ pub struct ErrorTerm {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct TotalError {
-    /// Root mean square over the vertices and channels, over the mean radiance: of noise, truncation and lamps, and of the texture
+    /// Root mean square over the vertices and channels, over the mean radiance: of noise and truncation, and of the texture
     /// where transfer is looked up in one.
     pub rms: f64,
     /// 95 % of the errors are smaller than this, over the mean radiance.
@@ -48,8 +45,6 @@ pub struct TotalError {
     pub texture: ErrorTerm,
     /// What the light above the band limit brings; `None` where no path says it: among walls, or in older stores.
     pub truncation: Option<ErrorTerm>,
-    /// What lamps that are lit apart are off beyond their noise, where the surface is alone; `None` without lamps.
-    pub lamps: Option<ErrorTerm>,
     /// Check points that it comes from.
     pub points: usize,
 }
@@ -64,8 +59,6 @@ pub struct Lookups<'a> {
     pub vertex_noise: f64,
     /// Root mean square over vertices and channels of the noise of lamps that are lit apart; it is in no lookup.
     pub lamp_noise: f64,
-    /// Mean squares of what lamps are off beyond it at some vertices, over the channels; none without lamps.
-    pub of_lamps: &'a [f64],
     /// Mean radiance of the vertices.
     pub mean: f64,
     /// Whether the vertices have transfer of their own.
@@ -125,23 +118,20 @@ pub fn total_error(
         each.collect()
     });
     let truncation = cut.as_ref().map(|cut| term(cut, mean));
-    let lamps = (!lookups.of_lamps.is_empty()).then(|| term(lookups.of_lamps, mean));
     let square = |term: ErrorTerm| term.rms.powi(2);
     let of_texture = if lookups.at_vertices { 0.0 } else { square(texture) };
-    let rms = (square(noise) + of_texture + truncation.map_or(0.0, square) + lamps.map_or(0.0, square)).sqrt();
+    let rms = (square(noise) + of_texture + truncation.map_or(0.0, square)).sqrt();
     // A normal error at each point, of its own variance.
     let stated_mean = stated.iter().sum::<f64>() / count as f64;
     let scale = if stated_mean > 0.0 { noise_square / stated_mean } else { 0.0 };
-    let (between, cut, off) = (spread_of(&between), cut.map(|cut| spread_of(&cut)), spread_of(lookups.of_lamps));
+    let (between, cut) = (spread_of(&between), cut.map(|cut| spread_of(&cut)));
     let variances: Vec<f64> = (0..count)
         .map(|i| {
             let of_texture = if lookups.at_vertices { 0.0 } else { between[i] };
-            // Those of lamps are of other points: any order does.
-            let of_lamps = if off.is_empty() { 0.0 } else { off[i % off.len()] };
-            (stated[i] * scale + of_texture + of_lamps + cut.as_ref().map_or(0.0, |cut| cut[i])) / (mean * mean)
+            (stated[i] * scale + of_texture + cut.as_ref().map_or(0.0, |cut| cut[i])) / (mean * mean)
         })
         .collect();
-    Some(TotalError { rms, percentile_95: percentile_95(&variances), noise, texture, truncation, lamps, points: count })
+    Some(TotalError { rms, percentile_95: percentile_95(&variances), noise, texture, truncation, points: count })
 }
 
 /// Root of the mean of squares that may be negative, over the mean radiance, and how far a 95 % interval of it reaches.
@@ -296,7 +286,6 @@ mod tests {
                 errors: &errors,
                 vertex_noise: noise,
                 lamp_noise: 0.0,
-                of_lamps: &[],
                 mean: truth,
                 at_vertices,
             };
@@ -342,7 +331,6 @@ mod tests {
             errors: &errors,
             vertex_noise: 0.0,
             lamp_noise: 0.0,
-            of_lamps: &[],
             mean: 4.0 / 3.0,
             at_vertices: true,
         };

@@ -1,30 +1,24 @@
 //! How far a lit surface is from exact light transport, from the check points of its store.
 
-use super::among::AmongOthers;
 use super::textures::{Groups, radiance_of_bricks};
 use super::{Lighting, Lit, Member, Part};
 use crate::error::Result;
 use crate::geom::Up;
 use crate::probe::LatLong;
 use crate::relight::{ErrorTerm, LookupReport, Lookups, Scene, TotalError, TriangleIndex, total_error};
-use crate::scene::geometry::Geometry;
 use crate::transfer::checks::CheckPoints;
 use crate::transfer::{BRICK, Lattice, Selection};
-use crate::transport::{SceneReference, SurfacePoint};
 use glam::Vec3;
 
 /// Pixels across of the image that truncation is measured against: about 6°, the spacing of some hundreds of directions.
 const PIXELS: usize = 64;
 /// Check points nearest in isovalue that count, of those of all isovalues.
 const NEAREST: usize = 256;
-/// Vertices at which lamps that are lit apart are held against paths, about, and the paths of each half.
-const LAMP_POINTS: usize = 256;
-const LAMP_PATHS: u32 = 1024;
 
 impl Lit<'_> {
     /// The same with [`Lit::total_error`]: how far the colours are from exact light transport on the surface, estimated from the
-    /// check points of the store, without a ray but where lamps are lit apart: these are held against paths at some vertices. There is
-    /// none where the store has no check points: it is of another estimator, a draft, or older.
+    /// check points of the store, without a ray. There is none where the store has no check points: it is of another
+    /// estimator, a draft, or older. Lamps that are lit apart have no part in it but by their noise.
     ///
     /// # Errors
     /// When check points are damaged or a texture cannot be read.
@@ -105,10 +99,8 @@ impl Lit<'_> {
             self.radiance.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3.0 * self.radiance.len() as f64);
         let vertex_noise = (own.iter().map(|&e| f64::from(e).powi(2)).sum::<f64>() / count).sqrt();
         let lamp_noise = texels.suns[number].as_ref().map_or(0.0, |suns| suns.noise(&lighting.suns, material));
-        let of_lamps = &self.off_by_lamps(number, part, member)?;
         let at_vertices = transfer.is_some();
-        let lookups =
-            Lookups { radiance: &found, errors: &stated, vertex_noise, lamp_noise, of_lamps, mean, at_vertices };
+        let lookups = Lookups { radiance: &found, errors: &stated, vertex_noise, lamp_noise, mean, at_vertices };
         let groups = Groups::open(source, &texels.luminaires)?;
         let scene =
             source.identity().scene.as_ref().map(|_| Scene { luminaires: groups.factors().map(|(_, f)| f).collect() });
@@ -116,46 +108,6 @@ impl Lit<'_> {
         let seen = |direction: Vec3| image.seen(direction);
         let layers = &source.layout().layers;
         Ok(total_error(layers, &checks, &lookups, (light, material), scene.as_ref(), Some(&seen)))
-    }
-}
-
-impl Lit<'_> {
-    /// Mean squares over the channels of what the light that is reflected of lamps is off at some vertices, beyond its noise: products of
-    /// the differences to two halves of paths. None among walls and other volumes, where paths light them.
-    fn off_by_lamps(&self, number: usize, part: &Part, member: &Member<'_>) -> Result<Vec<f64>> {
-        let (lamps, material) = (&self.texels.lighting.suns, &self.texels.material);
-        let suns = match &self.texels.suns[number] {
-            Some(suns) if !suns.seen.is_empty() && suns.reflected.rays > 0 => suns,
-            _ => return Ok(Vec::new()),
-        };
-        let (isosurface, mesh) = (&part.isosurface, part.isosurface.mesh());
-        let some: Vec<usize> =
-            (0..mesh.normals.len()).step_by(mesh.normals.len().div_ceil(LAMP_POINTS).max(1)).collect();
-        let point = |&v: &usize| SurfacePoint { position_in_grid: mesh.positions_in_grid[v], normal: mesh.normals[v] };
-        let points: Vec<SurfacePoint> = some.iter().map(point).collect();
-        let among = AmongOthers {
-            volume: member.volume(),
-            pyramid: member.pyramid(),
-            geometry: &Geometry::new(Vec::new(), Vec::new(), 1.0)?,
-            isovalue: isosurface.isovalue(),
-            albedo: material.albedo,
-            reflects: true,
-        };
-        // Direct light is by rays, which are no matter of bias.
-        let half = |seed: u64| {
-            let settings = SceneReference { distant_from: 1, ..SceneReference::new(LAMP_PATHS, material.albedo, seed) };
-            among.by_paths(lamps, &points, &settings)
-        };
-        let (a, b) = (half(1)?, half(2)?);
-        let reflected = &suns.reflected;
-        let off = |(i, &v): (usize, &usize)| {
-            let square = (0..3).map(|c| {
-                let [found, a, b] = [reflected.radiance[v], a.radiance[i], b.radiance[i]].map(|r| f64::from(r[c]));
-                (found - a) * (found - b)
-            });
-            square.sum::<f64>() / 3.0 - f64::from(reflected.channel_variance[v])
-        };
-        Ok(some.iter().enumerate().map(off).collect())
     }
 }
 
@@ -176,10 +128,6 @@ fn together(found: &[(f64, TotalError)]) -> Option<TotalError> {
     (error.noise, error.texture) = (term(&|e| e.noise), term(&|e| e.texture));
     error.truncation = match found.iter().all(|(_, e)| e.truncation.is_some()) {
         true => Some(term(&|e| e.truncation.unwrap_or_default())),
-        false => None,
-    };
-    error.lamps = match found.iter().any(|(_, e)| e.lamps.is_some()) {
-        true => Some(term(&|e| e.lamps.unwrap_or_default())),
         false => None,
     };
     error.points = found.iter().map(|(_, e)| e.points).sum();

@@ -129,7 +129,6 @@ impl<'a> Walls<'a> {
                 scales: scales.clone(),
                 samples_luminaires: true,
                 sees_through_backs: true,
-                distant_from: 0,
                 seed: 0,
             };
             let WallQuestion { volume, pyramid, isovalue, .. } = *question;

@@ -289,7 +289,6 @@ pub fn total_json(total: &TotalError) -> Value {
     json!({
         "rms": total.rms, "percentile_95": total.percentile_95,
         "noise": term(total.noise), "texture": term(total.texture), "truncation": total.truncation.map(term),
-        "lamps": total.lamps.map(term),
         "check_points": total.points,
     })
 }

@@ -216,7 +216,6 @@ impl Route<'_> {
             scales: Vec::new(),
             samples_luminaires: true,
             sees_through_backs: false,
-            distant_from: 0,
             seed,
         };
         let (found, counts) =

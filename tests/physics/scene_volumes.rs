@@ -229,7 +229,6 @@ fn photons_and_rays_meet_the_other_volume() {
         scales: Vec::new(),
         samples_luminaires: true,
         sees_through_backs: false,
-        distant_from: 0,
         seed: 0,
     };
     let rays = [DVec3::Z, -DVec3::Z, DVec3::X].map(|direction| (DVec3::new(0.4, 0.6, 0.5), direction));

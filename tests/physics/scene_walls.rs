@@ -197,7 +197,6 @@ fn reference(
         scales: Vec::new(),
         samples_luminaires: samples,
         sees_through_backs: false,
-        distant_from: 0,
         seed: if samples { 1 } else { 2 },
     };
     let pyramid = Pyramid::new(volume);

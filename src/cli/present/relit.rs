@@ -144,7 +144,6 @@ fn parts_of_error(total: &TotalError, at_vertices: bool) -> String {
         Some(truncation) => parts.push(term("light above the bands", truncation)),
         None => parts.push("light above the bands not known".into()),
     }
-    parts.extend(total.lamps.map(|lamps| term("reflected light of lamps", lamps)));
     format!("RMS over the mean radiance: {}; from {} check points", parts.join(", "), total.points)
 }
 

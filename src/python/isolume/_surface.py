@@ -29,8 +29,6 @@ class StatedError:
     """95 % of the errors are smaller than this."""
     truncation: float | None
     """What the light above the bands would bring."""
-    lamps: float | None
-    """What lamps that are lit apart are off beyond their noise; ``None`` without lamps."""
     check_points: int
     """From how many points it is estimated."""
 
@@ -133,14 +131,13 @@ class Surface:
             noise, median = self._inner.noise
             text = self._inner.total_error()
             total = {} if text is None else json.loads(text)
-            cut, lamps = total.get("truncation"), total.get("lamps")
+            cut = total.get("truncation")
             self._error = StatedError(
                 noise,
                 median,
                 total.get("rms"),
                 total.get("percentile_95"),
                 None if cut is None else cut["rms"],
-                None if lamps is None else lamps["rms"],
                 total.get("check_points", 0),
             )
         return self._error

@@ -39,8 +39,6 @@ pub struct SceneReference {
     /// Whether rays pass through the backs of diffuse walls before they meet anything else, as cameras' rays do that look
     /// into a room from outside.
     pub sees_through_backs: bool,
-    /// Turns of a path from which on distant light counts: 1 leaves out what arrives where paths begin.
-    pub distant_from: u32,
     /// Seed of all random numbers.
     pub seed: u64,
 }
@@ -49,16 +47,7 @@ impl SceneReference {
     /// Without emission, with all luminaires at their power, sampled.
     pub fn new(paths: u32, albedo: [f32; 3], seed: u64) -> Self {
         let (emission, scales) = ([0.0; 3], Vec::new());
-        Self {
-            paths,
-            albedo,
-            emission,
-            scales,
-            samples_luminaires: true,
-            sees_through_backs: false,
-            distant_from: 0,
-            seed,
-        }
+        Self { paths, albedo, emission, scales, samples_luminaires: true, sees_through_backs: false, seed }
     }
 
     pub(in super::super) fn check(&self) -> Result<()> {
@@ -305,10 +294,7 @@ impl<T: Sample> Tracer<'_, T> {
                             add(&mut found.near, &now, scaled(l, radiance), 1.0);
                         });
                     }
-                    if turn > self.settings.distant_from || self.settings.distant_from == 0 {
-                        self.escape(direction, by_cosine, &now, found);
-                    }
-                    return;
+                    return self.escape(direction, by_cosine, &now, found);
                 }
                 Ok(Met::Cut(_)) => return,
                 Ok(Met::Luminaire(hit)) => {
@@ -383,9 +369,7 @@ impl<T: Sample> Tracer<'_, T> {
                     self.sample_luminaire(l, &at_turn, variates(1 + l as u32), &now, found, level, counts);
                 }
             }
-            if turn >= self.settings.distant_from {
-                self.sample_environments(&at_turn, variates(1 + luminaires as u32), &now, found, level, counts);
-            }
+            self.sample_environments(&at_turn, variates(1 + luminaires as u32), &now, found, level, counts);
             let (next, density) = scatter.sample(media, variates(0));
             (direction, by_cosine) = (next, Some(density));
             counts_light = !self.settings.samples_luminaires;
