@@ -6,8 +6,9 @@
 
 use super::assemble::{permute, pick, pick_of};
 use super::decode::{self, Data, Endian, Type};
+use super::samples::largest_finite;
 use super::source::Source;
-use super::{Place, SampleOwner, Samples, SamplesView, largest_finite};
+use super::{Place, SampleOwner, Samples, SamplesView};
 use crate::error::{Error, Result};
 use crate::file::{MAP_ABOVE, Plain, Stamp};
 use memmap2::Mmap;

@@ -159,7 +159,7 @@ pub const RAYON_FILES: &[(&str, &str)] = &[
     ("src/model/sample.rs", "slabs of bricks"),
     ("src/transport/", "texels in bricks"),
     ("src/bake/checks.rs", "check points"),
-    ("src/volume/mod.rs", "range and finiteness of the samples"),
+    ("src/volume/samples.rs", "range and finiteness of the samples"),
     ("src/volume/array.rs", "magnitudes of an array's samples"),
     ("src/level/pyramid.rs", "slabs of blocks"),
     ("src/transfer/store/volume.rs", "slabs of chunks"),
