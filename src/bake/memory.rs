@@ -1,5 +1,6 @@
 //! What a bake takes of memory, before it starts.
 
+use crate::level::bytes_of_field;
 use crate::surface::straddling_cells;
 use crate::transfer::precision::bytes_of_texel as bytes_at;
 use crate::transfer::{BRICK_TEXELS, Layers, Layout, Precision};
@@ -22,13 +23,6 @@ const OF_VERTEX_AT_WORK: u64 = 64;
 
 /// Isosurfaces of a longer list whose vertices are counted; the others are taken to be like them.
 const MOST_COUNTED: usize = 4;
-
-/// Bytes of memory that belong to what rays are traced through: samples where they are not read in their file, ranges of blocks
-/// of 4³ cells (two f32), their cones (24 ranks of 16 bits), and the bounds of proofs (20 bytes).
-pub fn bytes_of_field(volume: &Volume) -> u64 {
-    let blocks = volume.samples().len() as u64 / 64;
-    volume.samples().bytes_owned() + blocks * (8 + 48 + 20)
-}
 
 /// Bytes that a bake of these isovalues, or of all, needs at most: the field, and what is held at one time of sets of texels (a bit
 /// each), meshes (of a bake at vertices all of them) and chunks in work, as they are and as they were.

@@ -1,12 +1,12 @@
 //! A bake as asked for: what decides the store's numbers, what it takes, and the plan of its effects.
 
 use super::deal::Dealt;
-use super::memory::{bytes_of_bake, bytes_of_field};
+use super::memory::bytes_of_bake;
 use super::pending::{Pending, texels_in};
 use super::scene::bytes_of_scene_texel;
 use super::{Goal, scene};
 use crate::error::{Error, Result};
-use crate::level::Pyramid;
+use crate::level::{Pyramid, bytes_of_field};
 use crate::memory;
 use crate::scene as scenes;
 use crate::scene::geometry::Geometry;

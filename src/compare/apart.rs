@@ -11,7 +11,7 @@ use crate::relight::Material;
 use crate::relight::TriangleIndex;
 use crate::render::{SunLight, SunLit, Surroundings, sun_visibility};
 use crate::sampling::{DirectionSample, DirectionalSource};
-use crate::session::AmongOthers;
+use crate::session::LitByPaths;
 use crate::sh::Coefficients;
 
 /// Lamps apart from an environment.
@@ -68,7 +68,7 @@ impl<'a> Apart<'a> {
         let normals: Vec<[f32; 3]> = surface.points.iter().map(|p| p.normal).collect();
         if let Some(geometry) = surface.geometry {
             let (albedo, reflects) = (surface.albedo, self.reflects);
-            let among = AmongOthers { volume, pyramid, geometry, isovalue, albedo, reflects };
+            let among = LitByPaths { volume, pyramid, geometry, isovalue, albedo, reflects };
             let found = among.lit(self.suns, (&positions, &normals), rest)?;
             return Ok(found.radiance.iter().map(|v| v.map(f64::from)).collect());
         }

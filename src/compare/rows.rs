@@ -9,6 +9,7 @@ use super::{
 use crate::error::Result;
 use crate::probe::{EnvFrame, Orientation, Probe, SunSplit};
 use crate::relight::{TriangleIndex, TriangleOrder};
+use crate::scene::geometry::Geometry;
 use crate::session::{Isosurface, LuminaireFactor, factor_of};
 use crate::transfer::BrickSource;
 use crate::transport::{ExactPoint, PhotonEnergy, points_in_cells};
@@ -137,8 +138,7 @@ impl Asked<'_> {
                 scales: &scales,
                 vertices: vertices.as_ref(),
             };
-            let splits = geometry.is_none_or(|geometry| geometry.keeps_lamps().is_none());
-            let split = if splits { self.sun_split } else { SunSplit::Off };
+            let split = if Geometry::splits_lamps(geometry) { self.sun_split } else { SunSplit::Off };
             let lamps = Lamps::of(probe, orientation, split, &layout.layers);
             let question = Question {
                 surface: lit,

@@ -33,6 +33,7 @@ pub mod trace;
 mod tests;
 
 pub use horizon::{Horizon, MOST_BLOCKS, SLOPE};
+pub(crate) use pyramid::bytes_of_field;
 pub use pyramid::{BLOCK_SHIFT, Pyramid};
 pub use root::Bracket;
 pub use texel::Site;

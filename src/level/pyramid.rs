@@ -12,6 +12,13 @@ use std::sync::OnceLock;
 /// stored range per cell would double the memory.
 pub const BLOCK_SHIFT: u32 = 2;
 
+/// Bytes of memory that belong to what rays are traced through: samples where they are not read in their file, ranges of blocks
+/// of 4³ cells (two f32), their cones (24 ranks of 16 bits), and the bounds of proofs (20 bytes).
+pub(crate) fn bytes_of_field(volume: &Volume) -> u64 {
+    let blocks = volume.samples().len() as u64 / 64;
+    volume.samples().bytes_owned() + blocks * (8 + 48 + 20)
+}
+
 /// Range of s·raw over blocks of cells, where s is the sign of the solid side: a block whose
 /// maximum is at most the (signed) isovalue holds no solid.
 #[derive(Clone, Debug)]

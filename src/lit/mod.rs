@@ -182,11 +182,6 @@ impl Relit {
     }
 }
 
-/// Whether lamps of environments can be lit apart where this stands around a volume.
-fn splits_lamps(geometry: Option<&Geometry>) -> bool {
-    geometry.is_none_or(|geometry| geometry.keeps_lamps().is_none())
-}
-
 impl Job<'_> {
     /// Lights and writes.
     ///

@@ -1,8 +1,9 @@
 //! Several volumes that light each other: baked one after the other into one store, and lit together.
 
-use super::{Host, Job, Relit, splits_lamps};
+use super::{Host, Job, Relit};
 use crate::cache::{MemberBakes, lights};
 use crate::error::Error;
+use crate::scene::geometry::Geometry;
 use crate::scene::{Scene, SceneFile};
 use crate::transfer::store::Store;
 
@@ -21,7 +22,7 @@ impl Job<'_> {
             let rule = self.material.rule_in(self.scene, volume.value_range())?;
             let albedo = rule.largest_albedo(Some(&isovalues));
             let up = self.how.volume.up_of(volume.up)?;
-            let splits = splits_lamps(member.geometry.as_ref());
+            let splits = Geometry::splits_lamps(member.geometry.as_ref());
             let lights = lights(self.probes, (up, &layers), &self.light_options(splits), albedo)?;
             let filled = bakes.bake(member, Some(isovalues), lights)?;
             (host.filled)(&filled);

@@ -1,6 +1,6 @@
 //! What one run does: the bake of what is missing, drafts first, and every surface under every light.
 
-use super::{Draft, Host, Job, LitSurface, Relit, splits_lamps};
+use super::{Draft, Host, Job, LitSurface, Relit};
 use crate::bake::{Quality, Request, Writing};
 use crate::cache::{Cache, Filled, InUse, Note, drafts, lights};
 use crate::error::{Error, Result};
@@ -168,7 +168,7 @@ impl<'a> Work<'a> {
         let quality = Quality { bands, ..self.job.quality.clone() };
         let layers = quality.layout(self.volume, self.geometry)?.layers;
         let albedo = self.rule.largest_albedo(Some(&self.isovalues));
-        let options = self.job.light_options(splits_lamps(self.geometry));
+        let options = self.job.light_options(Geometry::splits_lamps(self.geometry));
         let lights = lights(self.job.probes, (self.up, &layers), &options, albedo)?;
         let request = quality.request(member, Some(self.isovalues.clone()), lights)?;
         let request = Request { writing: Writing::of_cache(), ..request };

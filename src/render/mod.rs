@@ -11,6 +11,7 @@ mod sun;
 
 pub use camera::{Camera, Projection, VIEWS, View, Viewpoint};
 pub use lamps::Lamps;
+pub(crate) use lamps::{AIM, places_of_trial, rays_that_are_enough};
 pub use pixels::{SeenPoint, seen_points};
 pub use preview::{Backdrop, Picture, RenderOptions, Subject, radiance_along, render};
 pub use reflected::{Reflected, SunLit, Surroundings, bytes_of_suns};

@@ -6,7 +6,7 @@ use super::member::{Member, coupling_of};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
 use crate::relight::check_count;
-use crate::render::{Lamps, Reflected, SunLight};
+use crate::render::{AIM, Lamps, Reflected, SunLight, places_of_trial, rays_that_are_enough};
 use crate::scene::IsovalueMap;
 use crate::scene::geometry::{Among, Geometry, Partner};
 use crate::transfer::store::{CouplingIdentity, PartnerIdentity};
@@ -14,10 +14,6 @@ use crate::transport::{SceneReference, SurfacePoint, direct};
 use crate::volume::Volume;
 use std::sync::Arc;
 
-/// Standard error that is aimed at, root mean square over points and channels, over the mean radiance.
-const AIM: f64 = 0.012;
-/// Points of the trial that tells how many paths that takes.
-const TRIAL: usize = 384;
 /// Bounds of the paths of a point, and most of all together.
 const FEWEST_PATHS: u32 = 64;
 const MOST_PATHS: u32 = 1024;
@@ -27,7 +23,7 @@ const SEED: u64 = 0x6c61_6d70_7321;
 const FAINT: f32 = 1.0 / 1_048_576.0;
 
 /// An isosurface among what stands around it, and how much of the light that arrives there it sends back.
-pub(crate) struct AmongOthers<'a> {
+pub(crate) struct LitByPaths<'a> {
     pub(crate) volume: &'a Volume,
     pub(crate) pyramid: &'a Pyramid,
     pub(crate) geometry: &'a Geometry,
@@ -38,7 +34,7 @@ pub(crate) struct AmongOthers<'a> {
     pub(crate) reflects: bool,
 }
 
-impl AmongOthers<'_> {
+impl LitByPaths<'_> {
     /// Radiance that lamps bring to some points (grid space, unit normals in world), direct and reflected, by as many paths as bring
     /// its standard error to 1.2 % of the mean radiance: trials tell, within bounds. `rest`: the mean radiance that comes from
     /// elsewhere. Variances are those of four replicates; that of the mean of the channels is an upper bound, as if they erred
@@ -59,38 +55,29 @@ impl AmongOthers<'_> {
         }
         let place = |(&position_in_grid, &normal)| SurfacePoint { position_in_grid, normal };
         let points: Vec<SurfacePoint> = positions_in_grid.iter().zip(normals_in_world).map(place).collect();
-        let some: Vec<SurfacePoint> = points.iter().step_by(count.div_ceil(TRIAL)).copied().collect();
+        let some: Vec<SurfacePoint> = places_of_trial(count).map(|i| points[i]).collect();
         let allowed = (MOST_OF_ALL / count as u64).clamp(FEWEST_PATHS.into(), MOST_PATHS.into()) as u32;
-        let (mut paths, mut tried) = (FEWEST_PATHS, 0);
-        while 2 * paths <= allowed {
-            let trial = self.by_paths(lamps, &some, &SceneReference::new(paths, self.albedo, SEED))?;
+        let mut tried = 0;
+        let paths = rays_that_are_enough(FEWEST_PATHS, allowed, |paths| {
+            let trial = self.by_paths(lamps, &some, paths)?;
             tried += trial.rays;
             let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / some.len() as f64;
             let radiance = mean(&mut trial.radiance.iter().flatten().map(|&v| f64::from(v))) / 3.0;
             let variance = mean(&mut trial.channel_variance.iter().map(|&v| f64::from(v)));
-            if variance.sqrt() <= AIM * (rest.max(0.0) + radiance) {
-                break;
-            }
-            paths *= 2;
-        }
-        let found = self.by_paths(lamps, &points, &SceneReference::new(paths, self.albedo, SEED))?;
+            Ok(variance.sqrt() <= AIM * (rest.max(0.0) + radiance))
+        })?;
+        let found = self.by_paths(lamps, &points, paths)?;
         Ok(Reflected { rays: found.rays + tried, ..found })
     }
 
-    /// The same by the paths of some settings, of which luminaires have no part.
-    pub(super) fn by_paths(
-        &self,
-        lamps: &[SunLight],
-        points: &[SurfacePoint],
-        settings: &SceneReference,
-    ) -> Result<Reflected> {
+    fn by_paths(&self, lamps: &[SunLight], points: &[SurfacePoint], paths: u32) -> Result<Reflected> {
         let Self { volume, pyramid, geometry, isovalue, .. } = *self;
         // Of an albedo that nears 0 nothing is reflected twice, and what is left is in proportion to it.
         let (albedo, factor) =
             if self.reflects { (self.albedo, [1.0; 3]) } else { ([FAINT; 3], self.albedo.map(|a| a / FAINT)) };
         // Luminaires and what media send out are in the transfer.
         let scales = vec![[0.0; 3]; geometry.luminaires().len()];
-        let settings = SceneReference { scales, albedo, ..settings.clone() };
+        let settings = SceneReference { scales, ..SceneReference::new(paths, albedo, SEED) };
         let source = Lamps::new(lamps, None);
         let (found, counts) = direct(volume, pyramid, Some(geometry), isovalue, points, &[&source], &settings)?;
         let found = found.into_iter().next().unwrap_or_default();
@@ -101,7 +88,7 @@ impl AmongOthers<'_> {
             radiance: found.iter().map(|r| scaled(r.mean).map(|v| v as f32)).collect(),
             variance: found.iter().map(|r| together(scaled(r.stderr))).collect(),
             channel_variance: found.iter().map(|r| square(scaled(r.stderr))).collect(),
-            rays_each: settings.paths,
+            rays_each: paths,
             rays: counts.path_rays + counts.light_rays,
         })
     }
@@ -205,7 +192,7 @@ mod tests {
     impl Subject {
         fn lit(&self, geometry: &Geometry, lamps: &[SunLight], albedo: [f32; 3], reflects: bool) -> Reflected {
             let Self { volume, pyramid, mesh } = self;
-            let among = AmongOthers { volume, pyramid, geometry, isovalue: ISOVALUE, albedo, reflects };
+            let among = LitByPaths { volume, pyramid, geometry, isovalue: ISOVALUE, albedo, reflects };
             among.lit(lamps, (&mesh.positions_in_grid, &mesh.normals), 0.0).unwrap()
         }
     }

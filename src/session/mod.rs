@@ -51,7 +51,7 @@ mod write;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use among::AmongOthers;
+pub(crate) use among::LitByPaths;
 #[doc(hidden)]
 pub use field::RelitField;
 #[doc(hidden)]

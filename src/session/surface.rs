@@ -1,11 +1,12 @@
 //! Surfaces ready to be lit: isosurfaces of all volumes of a session, and the bricks that their lookups read.
 
-use super::among::AmongOthers;
+use super::among::LitByPaths;
 use super::lit::OfSuns;
 use super::textures::{check_factors_of_nodes, radiance_of_bricks, settled};
 use super::{Isosurface, Lighting, Lit, LitOptions, LitTexels, LuminaireFactor, Session};
 use crate::error::Result;
 use crate::geom::Bounds;
+use crate::level::bytes_of_field;
 use crate::relight::{Contracted, Exposure, LayerFactors, Material, TriangleIndex, TriangleOrder};
 use crate::render::{SunLit, Surroundings, bytes_of_suns};
 use crate::surface::Mesh;
@@ -113,16 +114,21 @@ impl<'s> Surface<'s> {
         const TEXEL: u64 = 20;
         const VERTEX: u64 = 4 * 12 + 12 + 12 + 4 + 12 + 12 + 8 + 16;
         const TRIANGLE: u64 = 24;
-        let bytes = |(part, volume): (&Part, &Volume)| {
-            let volume = volume.samples().bytes().len() as u64 / 4 * 5;
+        // Where paths light a vertex: its place, radiance and counts.
+        const OF_PATHS: u64 = 256;
+        let bytes = |(number, part): (usize, &Part)| {
+            let field = bytes_of_field(self.session.members()[number].volume());
             let contracted = part.bricks.len() as u64 * BRICK_TEXELS as u64 * TEXEL;
-            let mesh = part.isosurface.mesh();
-            let mesh = mesh.positions_in_grid.len() as u64 * VERTEX + mesh.triangles.len() as u64 * TRIANGLE;
-            let of_suns =
-                if lamps > 0 { bytes_of_suns(part.isosurface.mesh().positions_in_grid.len(), lamps) } else { 0 };
-            volume + contracted + mesh + of_suns
+            let (vertices, triangles) = (part.isosurface.positions().len(), part.isosurface.mesh().triangles.len());
+            let mesh = vertices as u64 * VERTEX + triangles as u64 * TRIANGLE;
+            let of_suns = match self.session.around(number) {
+                _ if lamps == 0 => 0,
+                Ok(None) => bytes_of_suns(vertices, lamps),
+                _ => vertices as u64 * OF_PATHS,
+            };
+            field + contracted + mesh + of_suns
         };
-        self.parts.iter().zip(self.session.members().iter().map(|m| m.volume())).map(bytes).sum()
+        self.parts.iter().enumerate().map(bytes).sum()
     }
 
     /// Multiplies light and transfer, at the texels that lookups read; lamps that are lit apart light the
@@ -156,7 +162,7 @@ impl<'s> Surface<'s> {
             let (volume, pyramid, isovalue) = (member.volume(), member.pyramid(), part.isosurface.isovalue());
             if let Some(geometry) = self.session.around(number)? {
                 let albedo = material.albedo;
-                let among = AmongOthers { volume, pyramid, geometry, isovalue, albedo, reflects };
+                let among = LitByPaths { volume, pyramid, geometry, isovalue, albedo, reflects };
                 let places = (&*mesh.positions_in_grid, &*mesh.normals);
                 let reflected = among.lit(&lighting.suns, places, contracted.noise.mean_radiance)?;
                 let rays = reflected.rays;

@@ -325,6 +325,11 @@ impl Geometry {
         }
     }
 
+    /// Whether lamps of environments can be lit apart where this stands around a volume.
+    pub(crate) fn splits_lamps(around: Option<&Self>) -> bool {
+        around.is_none_or(|geometry| geometry.keeps_lamps().is_none())
+    }
+
     /// The flat parts of all mirrors; `None` where something specular is not flat: glass, or a mirror that is a sphere.
     pub(crate) fn flat_mirrors(&self) -> Option<Vec<FlatMirror>> {
         let specular = (0..self.primitives.len()).filter(|&i| self.finishes[i].is_specular());
