@@ -6,11 +6,15 @@
 //! which averages most of the noise of the first step away. Where rays meet the surface each asks for one of the suns, drawn by
 //! what it would bring unshadowed (next event estimation): the first order of reflection is unbiased. Higher ones are
 //! interpolated between vertices; that they are seen about smoothed normals there is their bias, held against paths in
-//! `tests/physics/reflected_suns.rs`. Rays are those of the bake.
+//! `tests/physics/reflected_suns.rs`. Rays are those of the bake: those lost in the solid are hits of distance 0, where there is R
+//! itself. With a share p of them R (1 − ρ p) = ρ (what the others meet + p D). Of a vertex that loses most of its rays, since its
+//! smoothed normal points into the solid, this is a number of that vertex alone: what is around it sees what its other rays meet.
 //!
-//! Tried and lost: D interpolated between vertices (4 % too bright where walls are a few voxels thick), and the same as a
+//! Tried and lost: R of such vertices for all that is met around them (one in 256 eight times too bright on a brain; without what is lost
+//! at any vertex, one in 100 a third too dark in narrow clefts); D interpolated between vertices (4 % too bright where walls are a few voxels thick), and the same as a
 //! control variate with every fourth ray asking (three times the variance there).
 
+use super::lamps::{AIM, places_of_trial, rays_that_are_enough};
 use super::sun::{Disk, SunLight, SunVisibility, sun_visibility};
 use crate::error::Result;
 use crate::geom::{Frame, Normal};
@@ -75,10 +79,6 @@ const MOST_FIRST: usize = 5 << 20;
 const TURNS: usize = 1024;
 const SETTLED: f32 = 1e-3;
 
-/// Standard error that is aimed at, root mean square over the places, over their mean radiance.
-const AIM: f64 = 0.012;
-/// Places of the trial that tells how many rays that takes.
-const TRIAL: usize = 384;
 /// Bounds of the rays of a place, and most of all together.
 const FEWEST_RAYS: u32 = 32;
 const MOST_RAYS: u32 = 2048;
@@ -119,6 +119,26 @@ impl Lamp {
         let (cosine, sine) = (self.disk.towards().dot(normal), self.disk.sine());
         if cosine > -sine { self.strength * (cosine.max(0.0) + BELOW_HORIZON * sine) } else { 0.0 }
     }
+}
+
+/// What a ray finds that does not escape.
+struct Arrived {
+    /// Whether it is lost in the solid.
+    is_lost: bool,
+    /// Where it is on the mesh, if it is not lost and a triangle is near.
+    met: Option<Met>,
+    /// D there by one ray to a sun.
+    direct: [f32; 3],
+}
+
+/// What the rays of a vertex find in the first step.
+#[derive(Clone, Default)]
+struct First {
+    met: Vec<Met>,
+    // Sum of D.
+    direct: [f32; 3],
+    // What a sum over the rays is multiplied with.
+    scale: [f32; 3],
 }
 
 /// Corners of a triangle that a ray met, and their weights there.
@@ -172,39 +192,48 @@ impl<'a> SunLit<'a> {
     fn solve(&mut self, count: usize, half: u32) -> Vec<[f32; 3]> {
         let each = first_rays(count);
         let mesh = self.surface.triangles.mesh();
-        let scale: [f32; 3] = std::array::from_fn(|c| self.albedo[c] / each as f32);
-        let mut all: Vec<(Vec<Met>, [f32; 3])> = vec![Default::default(); count];
+        let mut all: Vec<First> = vec![First::default(); count];
         let parts: Vec<u64> = with_samples!(self.surface.volume.samples(), s => {
             let field = &LevelField::new(self.surface.volume, s, self.surface.pyramid);
             all.par_chunks_mut(TASK)
                 .enumerate()
                 .map(|(task, all)| {
                     let mut counts = Counts::default();
-                    for (i, (met, once)) in all.iter_mut().enumerate() {
+                    for (i, first) in all.iter_mut().enumerate() {
                         let v = task * TASK + i;
                         let place = (mesh.positions_in_grid[v], mesh.normals[v]);
                         let sampler = PathSampler::new(SEED_OF_FIRST, v as u64, half);
-                        self.each_met(field, place, (&sampler, each), &mut counts, &mut |found, direct| {
-                            met.extend(found);
-                            (0..3).for_each(|c| once[c] += scale[c] * direct[c]);
+                        let (mut lost, mut own) = (0, [0.0f32; 3]);
+                        self.each_met(field, place, (&sampler, each), &mut counts, &mut |arrived| {
+                            lost += u32::from(arrived.is_lost);
+                            first.met.extend(arrived.met);
+                            let sum = if arrived.is_lost { &mut own } else { &mut first.direct };
+                            (0..3).for_each(|c| sum[c] += arrived.direct[c]);
                         });
+                        if 2 * lost > each {
+                            first.scale = self.scale(each - lost, 0).map(|v| v as f32);
+                        } else {
+                            (0..3).for_each(|c| first.direct[c] += own[c]);
+                            first.scale = self.scale(each, lost).map(|v| v as f32);
+                        }
                     }
                     counts.rays
                 })
                 .collect()
         });
         self.rays += parts.iter().sum::<u64>();
-        let mut solution: Vec<[f32; 3]> = all.iter().map(|(_, once)| *once).collect();
+        let once = |first: &First| std::array::from_fn(|c| first.scale[c] * first.direct[c]);
+        let mut solution: Vec<[f32; 3]> = all.iter().map(once).collect();
         let largest = solution.iter().flatten().copied().fold(0.0, f32::max);
         let mut before = 0.0;
         for _ in 0..TURNS {
-            let turn = |(met, once): &(Vec<Met>, [f32; 3])| -> [f32; 3] {
-                let mut sum = [0.0f32; 3];
-                for found in met {
+            let turn = |first: &First| -> [f32; 3] {
+                let mut sum = first.direct;
+                for found in &first.met {
                     let more = found.of(&solution);
                     (0..3).for_each(|c| sum[c] += more[c]);
                 }
-                std::array::from_fn(|c| once[c] + scale[c] * sum[c])
+                std::array::from_fn(|c| first.scale[c] * sum[c])
             };
             let next: Vec<[f32; 3]> = all.par_iter().map(turn).collect();
             let both = next.iter().flatten().zip(solution.iter().flatten());
@@ -220,15 +249,21 @@ impl<'a> SunLit<'a> {
         solution
     }
 
-    /// Sends rays from a place about its normal, and tells of each that does not escape where on the mesh it arrives, if a
-    /// triangle is near, and D there by one ray to a sun.
+    /// What a sum over so many rays of a place is multiplied with, of which some are lost: as often as a path is followed at most, where
+    /// all are and nothing is absorbed.
+    fn scale(&self, rays: u32, lost: u32) -> [f64; 3] {
+        let (rays, lost) = (f64::from(rays.max(1)), f64::from(lost));
+        self.albedo.map(f64::from).map(|albedo| albedo / (rays - albedo * lost).max(rays / TURNS as f64))
+    }
+
+    /// Sends rays from a place about its normal, and tells what each finds that does not escape.
     fn each_met<T: Sample>(
         &self,
         field: &LevelField<'_, T>,
         (position, normal): ([f32; 3], [f32; 3]),
         (sampler, rays): (&PathSampler, u32),
         counts: &mut Counts,
-        with: &mut impl FnMut(Option<Met>, [f32; 3]),
+        with: &mut impl FnMut(Arrived),
     ) {
         let Some(normal) = Normal::down_gradient(-Vec3::from_array(normal)) else { return };
         let raw = self.surface.volume.raw_from_value(self.surface.isovalue) as f32;
@@ -237,18 +272,18 @@ impl<'a> SunLit<'a> {
         let [directions, choices, places] = [0, 1, 2].map(|pair| sampler.sequence(pair));
         for ray in 0..rays {
             let direction = frame.from_local(warp::square_to_cosine_hemisphere(directions.point(ray)));
-            let (met, normal) = match field.trace(raw, &Start::on(at), field.direction_in_grid(direction), counts) {
-                Outcome::Escaped => continue,
-                // As in the bake: a hit of distance 0.
-                Outcome::Lost => (at, normal),
-                Outcome::Hit(hit) => match field.hit_normal(&hit.at) {
-                    Some(normal) => (hit.at, normal),
-                    None => continue,
-                },
-            };
+            let (is_lost, met, normal) =
+                match field.trace(raw, &Start::on(at), field.direction_in_grid(direction), counts) {
+                    Outcome::Escaped => continue,
+                    Outcome::Lost => (true, at, normal),
+                    Outcome::Hit(hit) => match field.hit_normal(&hit.at) {
+                        Some(normal) => (false, hit.at, normal),
+                        None => continue,
+                    },
+                };
             let direct = self.ask(field, raw, (met, normal.vec()), [choices.point(ray), places.point(ray)], counts);
-            let nearest = self.surface.triangles.nearest(met.in_grid().to_array());
-            with(nearest.map(|(triangle, weights)| Met { triangle, weights }), direct);
+            let nearest = if is_lost { None } else { self.surface.triangles.nearest(met.in_grid().to_array()) };
+            with(Arrived { is_lost, met: nearest.map(|(triangle, weights)| Met { triangle, weights }), direct });
         }
     }
 
@@ -304,11 +339,15 @@ impl<'a> SunLit<'a> {
                         let mut means = [[0.0f64; 3]; REPLICATES as usize];
                         for (mean, replicate) in means.iter_mut().zip(0..) {
                             let sampler = PathSampler::new(SEED, i as u64, replicate);
-                            self.each_met(field, (positions[i], normals[i]), (&sampler, each), &mut counts, &mut |met, direct| {
-                                let more = met.map_or([0.0; 3], |met| met.of(&self.by_reflection[replicate as usize % 2]));
-                                (0..3).for_each(|c| mean[c] += f64::from(direct[c] + more[c]));
+                            let solution = &self.by_reflection[replicate as usize % 2];
+                            let mut lost = 0;
+                            self.each_met(field, (positions[i], normals[i]), (&sampler, each), &mut counts, &mut |arrived| {
+                                lost += u32::from(arrived.is_lost);
+                                let more = arrived.met.map_or([0.0; 3], |met| met.of(solution));
+                                (0..3).for_each(|c| mean[c] += f64::from(arrived.direct[c] + more[c]));
                             });
-                            (0..3).for_each(|c| mean[c] *= f64::from(self.albedo[c]) / f64::from(each));
+                            let scale = self.scale(each, lost);
+                            (0..3).for_each(|c| mean[c] *= scale[c]);
                         }
                         *found = Gathered::of(&means);
                     }
@@ -350,21 +389,18 @@ impl<'a> SunLit<'a> {
             return Ok(Reflected { radiance, variance, channel_variance, ..Reflected::default() });
         }
         let all: Vec<usize> = (0..count).collect();
-        let some: Vec<usize> = (0..count).step_by(count.div_ceil(TRIAL)).collect();
+        let some: Vec<usize> = places_of_trial(count).collect();
         let mean_of = |values: &[[f32; 3]]| {
             values.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3 * values.len().max(1)) as f64
         };
         let wanted = AIM * (rest.max(0.0) + self.direct + mean_of(&self.by_reflection[0]));
         let allowed = (MOST_OF_ALL / count as u64).clamp(FEWEST_RAYS.into(), MOST_RAYS.into()) as u32;
-        let (mut rays, mut tried) = (FEWEST_RAYS, 0);
-        while 2 * rays <= allowed {
+        let mut tried = 0;
+        let rays = rays_that_are_enough(FEWEST_RAYS, allowed, |rays| {
             let (trial, variance) = self.gather(&some, positions_in_grid, normals_in_world, rays);
             tried += trial.rays;
-            if variance.sqrt() <= wanted {
-                break;
-            }
-            rays *= 2;
-        }
+            Ok(variance.sqrt() <= wanted)
+        })?;
         let (found, _) = self.gather(&all, positions_in_grid, normals_in_world, rays);
         Ok(Reflected { rays: found.rays + tried, ..found })
     }
