@@ -81,6 +81,12 @@ impl<'a> TriangleIndex<'a> {
     /// The triangle nearest to a point of the surface, and the point's barycentric coordinates there, each in [0, 1]: of those
     /// in its cell, else of those in the cells around; `None` where these have none.
     pub fn nearest(&self, position_in_grid: [f32; 3]) -> Option<([u32; 3], [f32; 3])> {
+        let (triangle, weights) = self.nearest_number(position_in_grid)?;
+        Some((self.mesh.triangles[triangle as usize], weights))
+    }
+
+    /// The same, but the number of the triangle.
+    pub(crate) fn nearest_number(&self, position_in_grid: [f32; 3]) -> Option<(u32, [f32; 3])> {
         let position = Vec3::from_array(position_in_grid);
         let cell = position.floor().as_ivec3().to_array();
         let around =
@@ -99,17 +105,17 @@ impl<'a> TriangleIndex<'a> {
         Some(sum)
     }
 
-    fn nearest_of(&self, position: Vec3, cells: impl Iterator<Item = [i32; 3]>) -> Option<([u32; 3], [f32; 3])> {
-        let mut best: Option<(f32, [u32; 3], [f32; 3])> = None;
+    fn nearest_of(&self, position: Vec3, cells: impl Iterator<Item = [i32; 3]>) -> Option<(u32, [f32; 3])> {
+        let mut best: Option<(f32, u32, [f32; 3])> = None;
         for (first, count) in cells.filter_map(|cell| self.sorted.cells.get(&cell)) {
             for &t in &self.sorted.order[*first as usize..(*first + *count) as usize] {
-                let triangle = self.mesh.triangles[t as usize];
-                let corners = triangle.map(|v| Vec3::from_array(self.mesh.positions_in_grid[v as usize]));
+                let corners =
+                    self.mesh.triangles[t as usize].map(|v| Vec3::from_array(self.mesh.positions_in_grid[v as usize]));
                 let weights = barycentric(corners, position);
                 let at = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
                 let distance = at.distance_squared(position);
                 if best.is_none_or(|(least, ..)| distance < least) {
-                    best = Some((distance, triangle, weights));
+                    best = Some((distance, t, weights));
                 }
             }
         }

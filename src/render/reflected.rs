@@ -1,18 +1,17 @@
 //! What suns that were split off an environment bring by reflection on a level set.
 //!
 //! With D the exitant radiance by their direct light, that by reflection is R = G (D + R), G the mean over a cosine-weighted
-//! hemisphere of ρ times what is met there. In two steps (final gathering, Reichert 1992): R at the vertices of the mesh, from
-//! few rays each, whose hits are kept and the equation solved on them; then one gather of many rays at each place asked for,
-//! which averages most of the noise of the first step away. Where rays meet the surface each asks for one of the suns, drawn by
-//! what it would bring unshadowed (next event estimation): the first order of reflection is unbiased. Higher ones are
-//! interpolated between vertices; that they are seen about smoothed normals there is their bias, held against paths in
+//! hemisphere of ρ times what is met there. In two steps (final gathering, Reichert 1992): R of each triangle of the mesh, at the
+//! point of the surface near its centre and about the normal that rays meet there, from few rays each, whose hits are kept and the
+//! equation solved on them; then one gather of many rays at each place asked for, which averages most of the noise of the first step
+//! away. Where rays meet the surface each asks for one of the suns, drawn by what it would bring unshadowed (next event
+//! estimation): the first order of reflection is unbiased. Higher ones are those of a triangle: their bias is held against paths in
 //! `tests/physics/reflected_suns.rs`. Rays are those of the bake: those lost in the solid are hits of distance 0, where there is R
-//! itself. With a share p of them R (1 − ρ p) = ρ (what the others meet + p D). Of a vertex that loses most of its rays, since its
-//! smoothed normal points into the solid, this is a number of that vertex alone: what is around it sees what its other rays meet.
+//! itself. With a share p of them R (1 − ρ p) = ρ (what the others meet + p D).
 //!
-//! Tried and lost: R of such vertices for all that is met around them (one in 256 eight times too bright on a brain; without what is lost
-//! at any vertex, one in 100 a third too dark in narrow clefts); D interpolated between vertices (4 % too bright where walls are a few voxels thick), and the same as a
-//! control variate with every fourth ray asking (three times the variance there).
+//! Tried and lost: R at the vertices, about their smoothed normals (up to eight times too bright where such a normal points into the
+//! solid; without what is lost in it a third too dark in narrow clefts); D interpolated between vertices (4 % too bright where walls
+//! are a few voxels thick), and the same as a control variate with every fourth ray asking (three times the variance there).
 
 use super::lamps::{AIM, places_of_trial, rays_that_are_enough};
 use super::sun::{Disk, SunLight, SunVisibility, sun_visibility};
@@ -60,8 +59,9 @@ pub struct SunLit<'a> {
     /// Of each sun, at the vertices.
     pub seen: Vec<SunVisibility>,
     suns: Vec<Lamp>,
-    // Mean of D at the vertices, and R there by two halves of the rays; none where nothing is reflected.
+    // Mean of D at the vertices.
     direct: f64,
+    // R of the triangles by two halves of the rays; none where nothing is reflected.
     by_reflection: [Vec<[f32; 3]>; 2],
     rays: u64,
 }
@@ -71,10 +71,12 @@ const SEED_OF_FIRST: u64 = 0x6669_7273_7421;
 /// Independent estimates whose spread is the stated error.
 const REPLICATES: u32 = 4;
 
-/// Rays of a vertex in each half of the first step, and most of all vertices: what is kept of a hit takes 24 bytes.
-const FIRST_RAYS: u32 = 192;
+/// Rays of a triangle in each half of the first step, and most of all triangles.
+const FIRST_RAYS: u32 = 96;
 const FEWEST_FIRST_RAYS: u32 = 4;
 const MOST_FIRST: usize = 5 << 20;
+/// Steps along the gradient from the centre of a triangle to the surface: far more than a root takes that is near.
+const STEPS: usize = 8;
 /// Turns of the solution at most, and what is left of it, over the largest radiance of one reflection, at which it ends.
 const TURNS: usize = 1024;
 const SETTLED: f32 = 1e-3;
@@ -86,16 +88,17 @@ const MOST_OF_ALL: u64 = 1 << 26;
 /// Places of one task.
 const TASK: usize = 64;
 
-/// Rays of a vertex in each half of the first step.
-fn first_rays(vertices: usize) -> u32 {
-    (MOST_FIRST / vertices.max(1)).clamp(FEWEST_FIRST_RAYS as usize, FIRST_RAYS as usize) as u32
+/// Rays of a triangle in each half of the first step.
+fn first_rays(triangles: usize) -> u32 {
+    (MOST_FIRST / triangles.max(1)).clamp(FEWEST_FIRST_RAYS as usize, FIRST_RAYS as usize) as u32
 }
 
-/// Bytes that suns take on a surface of so many vertices, about: what each sun brings to each, what is kept of the first step, and
-/// the sums of both.
+/// Bytes that suns take on a surface of so many vertices, about: what each sun brings to each, what is kept of the first step of
+/// about twice as many triangles, and the sums of both.
 pub fn bytes_of_suns(vertices: usize, suns: usize) -> u64 {
-    let hits = u64::from(first_rays(vertices)) * size_of::<Met>() as u64 * 3 / 2;
-    vertices as u64 * (hits + 8 * suns as u64 + 128)
+    let triangles = 2 * vertices;
+    let hits = u64::from(first_rays(triangles)) * size_of::<u32>() as u64 * 3 / 2;
+    triangles as u64 * (hits + 96) + vertices as u64 * (8 * suns as u64 + 32)
 }
 
 /// Part of the sine of a sun's radius that its chance has beyond its cosine, so that one half below the horizon is found.
@@ -125,37 +128,20 @@ impl Lamp {
 struct Arrived {
     /// Whether it is lost in the solid.
     is_lost: bool,
-    /// Where it is on the mesh, if it is not lost and a triangle is near.
-    met: Option<Met>,
+    /// The triangle there, if it is not lost and one is near.
+    met: Option<u32>,
     /// D there by one ray to a sun.
     direct: [f32; 3],
 }
 
-/// What the rays of a vertex find in the first step.
+/// What the rays of a triangle find in the first step.
 #[derive(Clone, Default)]
 struct First {
-    met: Vec<Met>,
+    met: Vec<u32>,
     // Sum of D.
     direct: [f32; 3],
     // What a sum over the rays is multiplied with.
     scale: [f32; 3],
-}
-
-/// Corners of a triangle that a ray met, and their weights there.
-#[derive(Clone, Copy)]
-struct Met {
-    triangle: [u32; 3],
-    weights: [f32; 3],
-}
-
-impl Met {
-    fn of(&self, values: &[[f32; 3]]) -> [f32; 3] {
-        let mut sum = [0.0; 3];
-        for (&v, w) in self.triangle.iter().zip(self.weights) {
-            (0..3).for_each(|c| sum[c] += w * values[v as usize][c]);
-        }
-        sum
-    }
 }
 
 impl<'a> SunLit<'a> {
@@ -178,7 +164,7 @@ impl<'a> SunLit<'a> {
         let mut lit = Self { surface, albedo, seen, suns, direct, by_reflection: Default::default(), rays };
         let has_cells = volume.dims().iter().all(|&d| d > 1);
         if reflects && has_cells && albedo.iter().any(|&a| a > 0.0) && !lit.suns.is_empty() {
-            lit.by_reflection = [0, 1].map(|half| lit.solve(count, half));
+            lit.by_reflection = [0, 1].map(|half| lit.solve(half));
         }
         lit
     }
@@ -188,11 +174,11 @@ impl<'a> SunLit<'a> {
         self.rays
     }
 
-    /// R = G D + G R at the vertices, G of few rays each.
-    fn solve(&mut self, count: usize, half: u32) -> Vec<[f32; 3]> {
-        let each = first_rays(count);
-        let mesh = self.surface.triangles.mesh();
-        let mut all: Vec<First> = vec![First::default(); count];
+    /// R = G D + G R of the triangles, G of few rays each.
+    fn solve(&mut self, half: u32) -> Vec<[f32; 3]> {
+        let triangles = &self.surface.triangles.mesh().triangles;
+        let each = first_rays(triangles.len());
+        let mut all: Vec<First> = vec![First::default(); triangles.len()];
         let parts: Vec<u64> = with_samples!(self.surface.volume.samples(), s => {
             let field = &LevelField::new(self.surface.volume, s, self.surface.pyramid);
             all.par_chunks_mut(TASK)
@@ -200,22 +186,16 @@ impl<'a> SunLit<'a> {
                 .map(|(task, all)| {
                     let mut counts = Counts::default();
                     for (i, first) in all.iter_mut().enumerate() {
-                        let v = task * TASK + i;
-                        let place = (mesh.positions_in_grid[v], mesh.normals[v]);
-                        let sampler = PathSampler::new(SEED_OF_FIRST, v as u64, half);
-                        let (mut lost, mut own) = (0, [0.0f32; 3]);
+                        let t = task * TASK + i;
+                        let Some(place) = self.place_of(field, triangles[t]) else { continue };
+                        let sampler = PathSampler::new(SEED_OF_FIRST, t as u64, half);
+                        let mut lost = 0;
                         self.each_met(field, place, (&sampler, each), &mut counts, &mut |arrived| {
                             lost += u32::from(arrived.is_lost);
                             first.met.extend(arrived.met);
-                            let sum = if arrived.is_lost { &mut own } else { &mut first.direct };
-                            (0..3).for_each(|c| sum[c] += arrived.direct[c]);
+                            (0..3).for_each(|c| first.direct[c] += arrived.direct[c]);
                         });
-                        if 2 * lost > each {
-                            first.scale = self.scale(each - lost, 0).map(|v| v as f32);
-                        } else {
-                            (0..3).for_each(|c| first.direct[c] += own[c]);
-                            first.scale = self.scale(each, lost).map(|v| v as f32);
-                        }
+                        first.scale = self.scale(each, lost).map(|v| v as f32);
                     }
                     counts.rays
                 })
@@ -229,9 +209,8 @@ impl<'a> SunLit<'a> {
         for _ in 0..TURNS {
             let turn = |first: &First| -> [f32; 3] {
                 let mut sum = first.direct;
-                for found in &first.met {
-                    let more = found.of(&solution);
-                    (0..3).for_each(|c| sum[c] += more[c]);
+                for &t in &first.met {
+                    (0..3).for_each(|c| sum[c] += solution[t as usize][c]);
                 }
                 std::array::from_fn(|c| first.scale[c] * sum[c])
             };
@@ -256,18 +235,38 @@ impl<'a> SunLit<'a> {
         self.albedo.map(f64::from).map(|albedo| albedo / (rays - albedo * lost).max(rays / TURNS as f64))
     }
 
+    /// The point of the surface near the centre of a triangle, and the normal that rays meet there; none where the field has no
+    /// gradient.
+    fn place_of<T: Sample>(&self, field: &LevelField<'_, T>, triangle: [u32; 3]) -> Option<(CellPoint, Normal)> {
+        let positions = &self.surface.triangles.mesh().positions_in_grid;
+        let [a, b, c] = triangle.map(|v| positions.get(v as usize).map(|p| Vec3::from_array(*p)));
+        let mut at = field.locate(((a? + b? + c?) / 3.0).as_dvec3().to_array());
+        let raw = self.raw_isovalue();
+        for _ in 0..STEPS {
+            let gradient = field.trilinear_gradient(&at);
+            let step = (raw - field.raw_value(&at)) / gradient.length_squared() * gradient;
+            if !step.is_finite() || step == Vec3::ZERO {
+                break;
+            }
+            at = field.locate((at.in_grid() + step.clamp_length_max(0.5)).as_dvec3().to_array());
+        }
+        Some((at, field.hit_normal(&at)?))
+    }
+
+    fn raw_isovalue(&self) -> f32 {
+        self.surface.volume.raw_from_value(self.surface.isovalue) as f32
+    }
+
     /// Sends rays from a place about its normal, and tells what each finds that does not escape.
     fn each_met<T: Sample>(
         &self,
         field: &LevelField<'_, T>,
-        (position, normal): ([f32; 3], [f32; 3]),
+        (at, normal): (CellPoint, Normal),
         (sampler, rays): (&PathSampler, u32),
         counts: &mut Counts,
         with: &mut impl FnMut(Arrived),
     ) {
-        let Some(normal) = Normal::down_gradient(-Vec3::from_array(normal)) else { return };
-        let raw = self.surface.volume.raw_from_value(self.surface.isovalue) as f32;
-        let at = field.locate(position.map(f64::from));
+        let raw = self.raw_isovalue();
         let frame = Frame::around(normal);
         let [directions, choices, places] = [0, 1, 2].map(|pair| sampler.sequence(pair));
         for ray in 0..rays {
@@ -282,8 +281,8 @@ impl<'a> SunLit<'a> {
                     },
                 };
             let direct = self.ask(field, raw, (met, normal.vec()), [choices.point(ray), places.point(ray)], counts);
-            let nearest = if is_lost { None } else { self.surface.triangles.nearest(met.in_grid().to_array()) };
-            with(Arrived { is_lost, met: nearest.map(|(triangle, weights)| Met { triangle, weights }), direct });
+            let nearest = if is_lost { None } else { self.surface.triangles.nearest_number(met.in_grid().to_array()) };
+            with(Arrived { is_lost, met: nearest.map(|(triangle, _)| triangle), direct });
         }
     }
 
@@ -336,14 +335,16 @@ impl<'a> SunLit<'a> {
                 .map(|(found, which)| {
                     let mut counts = Counts::default();
                     for (found, &i) in found.iter_mut().zip(which) {
+                        let Some(normal) = Normal::down_gradient(-Vec3::from_array(normals[i])) else { continue };
+                        let place = (field.locate(positions[i].map(f64::from)), normal);
                         let mut means = [[0.0f64; 3]; REPLICATES as usize];
                         for (mean, replicate) in means.iter_mut().zip(0..) {
                             let sampler = PathSampler::new(SEED, i as u64, replicate);
                             let solution = &self.by_reflection[replicate as usize % 2];
                             let mut lost = 0;
-                            self.each_met(field, (positions[i], normals[i]), (&sampler, each), &mut counts, &mut |arrived| {
+                            self.each_met(field, place, (&sampler, each), &mut counts, &mut |arrived| {
                                 lost += u32::from(arrived.is_lost);
-                                let more = arrived.met.map_or([0.0; 3], |met| met.of(solution));
+                                let more = arrived.met.map_or([0.0; 3], |t| solution[t as usize]);
                                 (0..3).for_each(|c| mean[c] += f64::from(arrived.direct[c] + more[c]));
                             });
                             let scale = self.scale(each, lost);

@@ -5,6 +5,7 @@ use isolume::geom::{Direction, Frame, Normal};
 use isolume::level::{LevelField, Pyramid};
 use isolume::relight::{Material, TriangleIndex, TriangleOrder};
 use isolume::render::{Reflected, SunLight, SunLit, Surroundings, sun_visibility};
+use isolume::sampling::hash::uniform;
 use isolume::sampling::{DirectionSample, DirectionalSource, warp};
 use isolume::surface::{Mesh, extract_with_normals};
 use isolume::transport::{SceneReference, SurfacePoint, direct};
@@ -20,7 +21,19 @@ struct Subject {
 
 impl Subject {
     fn new(spec: &str, isovalue: f64) -> Self {
+        Self::of(field::by_name(spec).unwrap().unwrap().sample().unwrap(), isovalue)
+    }
+
+    /// With noise on each sample: clefts of a voxel, and smoothed normals that point into the solid.
+    fn rough(spec: &str, isovalue: f64, amplitude: f32) -> Self {
         let volume = field::by_name(spec).unwrap().unwrap().sample().unwrap();
+        let Samples::F32(samples) = volume.samples() else { panic!("analytic fields are f32") };
+        let noise = |i: usize| amplitude * (2.0 * uniform(7, i as u64, 0, 0) - 1.0);
+        let samples = samples.iter().enumerate().map(|(i, v)| v + noise(i)).collect();
+        Self::of(Volume::new(volume.dims(), Samples::F32(samples), *volume.world_from_grid()).unwrap(), isovalue)
+    }
+
+    fn of(volume: Volume, isovalue: f64) -> Self {
         let pyramid = Pyramid::new(&volume);
         let Samples::F32(samples) = volume.samples() else { panic!("analytic fields are f32") };
         let level = LevelField::new(&volume, samples, &pyramid);
@@ -137,8 +150,13 @@ fn in_a_furnace_direct_and_reflected_light_are_one() {
 /// Of coloured lamps on a coloured surface, so that each channel counts.
 #[test]
 fn they_are_what_paths_find() {
-    for (spec, isovalue, albedo) in [("bumpbox:32", 47.0, [0.7, 0.5, 0.3]), ("gyroid:24", 0.0, [0.6, 0.9, 0.8])] {
-        let subject = Subject::new(spec, isovalue);
+    let subjects = [
+        ("bumps", Subject::new("bumpbox:32", 47.0), [0.7, 0.5, 0.3]),
+        ("gyroid", Subject::new("gyroid:24", 0.0), [0.6, 0.9, 0.8]),
+        ("rough gyroid", Subject::rough("gyroid:24", 0.0, 0.5), [0.6, 0.9, 0.8]),
+    ];
+    for (spec, subject, albedo) in subjects {
+        let isovalue = subject.isovalue;
         let suns = [
             coloured(DVec3::new(0.3, 0.8, -0.5), 0.05, [1.0, 0.2, 0.1], 64),
             coloured(DVec3::new(-0.6, 0.2, 0.7), 0.15, [0.5, 3.0, 1.0], 64),
