@@ -4,7 +4,6 @@ use super::contract::{NO_LEVEL_SET, Textures, UNBAKED, Weights, contract};
 use super::noise::{ELSEWHERE, NO_DIRECTIONS, ROOT_FOUR_PI};
 use super::{Light, Material, Tail};
 use crate::sampling::hash::uniform;
-use crate::sampling::statistics::POOLED_BANDS;
 use crate::transfer::{BRICK_TEXELS, Brick, BrickSource, Lattice, Layers, Layout, MAX_LAYERS, MemoryTexture, validity};
 use glam::{Vec3, Vec4};
 use half::f16;
@@ -66,10 +65,15 @@ pub(super) fn texel(weights: &Weights, transfer: &[f32], stderr: &[f16], layers:
         let spread =
             |mean: f32, square: f32| (square * gain * gain - 2.0 * traded * mean * gain + traded * traded).max(0.0);
         let anywhere = spread(layer.mean, layer.mean_square);
-        let bands = layers.bands()[k].min(POOLED_BANDS);
-        let errors = stderr[layers.error_offset(k)..][..bands].iter().map(|s| s.to_f32()).enumerate();
-        let events = errors.fold(0.0, |sum, (l, s)| sum + (2 * l + 1) as f32 * s * s);
-        let events = events * (ROOT_FOUR_PI * ROOT_FOUR_PI / (bands * bands) as f32);
+        let errors: Vec<f32> = stderr[layers.error_offset(k)..].iter().map(|s| s.to_f32()).collect();
+        let low = (layer.mean * gain - traded) * (layer.mean * gain - traded);
+        let (mut of_rest, mut rest) = (0.0, 0.0);
+        for (s, energy) in errors[1..].iter().zip(&layer.energies) {
+            (of_rest, rest) = (of_rest + energy * s * s, rest + energy);
+        }
+        let (of_mean, all) = (errors[0] * errors[0], low + gain * gain * rest);
+        let events = if all > 0.0 { (low * of_mean + gain * gain * of_rest) / all } else { of_mean };
+        let events = ROOT_FOUR_PI * ROOT_FOUR_PI * events;
         if escape(k) <= NO_DIRECTIONS {
             variance += events * anywhere;
             continue;
