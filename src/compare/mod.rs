@@ -39,7 +39,7 @@ pub use surface::{LitSurface, Vertices, unburied};
 
 use crate::error::Result;
 use crate::geom::Direction;
-use crate::relight::LookupReport;
+use crate::relight::{LookupReport, TotalError};
 use crate::render::Lamps;
 use crate::sampling::{DirectionSample, DirectionalSource};
 use crate::sh::{self, Coefficients};
@@ -134,6 +134,34 @@ pub struct Comparison {
     pub rays: u64,
     /// Radiance at each point by the store and by paths under the whole light.
     pub at_points: Vec<[[f64; 3]; 2]>,
+    /// Standard errors of the latter.
+    pub reference_errors: Vec<[f64; 3]>,
+}
+
+/// What relight says of its error, and whether it holds at the points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Stated {
+    /// [`TotalError::rms`], over the mean radiance.
+    pub rms: f64,
+    /// [`TotalError::percentile_95`], over the mean radiance.
+    pub percentile_95: f64,
+    /// Share of the channels of the points that are off by no more than `percentile_95`, and what 95 % of the noise of the reference
+    /// add to it in quadrature: 95 % if what is said is right.
+    pub covered: f64,
+}
+
+impl Comparison {
+    /// How what relight says of its error holds; `mean`: the mean radiance of the surface.
+    pub fn stated(&self, error: &TotalError, mean: f64) -> Stated {
+        let most = error.percentile_95 * mean;
+        let each = self.at_points.iter().zip(&self.reference_errors);
+        let is_within = |([stored, truth], s): (&[[f64; 3]; 2], &[f64; 3]), c: usize| {
+            (stored[c] - truth[c]).abs() <= most.hypot(1.96 * s[c])
+        };
+        let within = each.map(|point| (0..3).filter(|&c| is_within(point, c)).count()).sum::<usize>();
+        let covered = within as f64 / (3 * self.at_points.len()).max(1) as f64;
+        Stated { rms: error.rms, percentile_95: error.percentile_95, covered }
+    }
 }
 
 /// Light of a band limit: what its coefficients say, negative lobes included. Not sampled: it is smooth.
@@ -199,6 +227,7 @@ pub fn compare(question: &Question<'_>) -> Result<Comparison> {
         lookups,
         rays,
         at_points: stored.iter().zip(&whole).map(|(s, w)| [*s, *w]).collect(),
+        reference_errors: references[0].iter().map(|r| r.stderr).collect(),
     })
 }
 

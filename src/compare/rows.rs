@@ -3,14 +3,14 @@
 use super::lamps::Lamps;
 use super::picture::Shown;
 use super::{
-    BudgetRow, Comparison, GeometryComparison, LitSurface, PhotonComparison, PhotonQuestion, Question, Subject,
+    BudgetRow, Comparison, GeometryComparison, LitSurface, PhotonComparison, PhotonQuestion, Question, Stated, Subject,
     Vertices, check_geometry, compare, compare_geometry, compare_photons, unburied,
 };
 use crate::error::Result;
 use crate::probe::{EnvFrame, Orientation, Probe, SunSplit};
-use crate::relight::{TriangleIndex, TriangleOrder};
+use crate::relight::{Material, TriangleIndex, TriangleOrder};
 use crate::scene::geometry::Geometry;
-use crate::session::{Isosurface, LuminaireFactor, factor_of};
+use crate::session::{Isosurface, LightOptions, LitOptions, LuminaireFactor, Session, Surface, factor_of};
 use crate::transfer::BrickSource;
 use crate::transport::{ExactPoint, PhotonEnergy, points_in_cells};
 use crate::volume::Volume;
@@ -70,6 +70,8 @@ pub struct Compared {
     pub env: String,
     /// The store against paths.
     pub found: Comparison,
+    /// What relight says of its error, where it does: not of one of several volumes.
+    pub stated: Option<Stated>,
     /// Photons beside them.
     pub photons: Option<PhotonComparison>,
     /// The surface itself beside them.
@@ -120,6 +122,8 @@ impl Asked<'_> {
         let specular = subject.specular_photons(at_vertices.is_some().then_some(isovalue))?;
         let order = TriangleOrder::new(surface.mesh());
         let triangles = TriangleIndex::new(surface.mesh(), &order);
+        let session = Session::alone(&subject.textures[0], volume, pyramid).with_geometry(geometry);
+        let relit = (!subject.is_among_others()).then(|| session.surface(isovalue)).transpose()?;
         let mut rows = Vec::new();
         for (p, probe) in self.probes.iter().enumerate() {
             let start = seconds();
@@ -160,14 +164,33 @@ impl Asked<'_> {
             let found = compare(&question)?;
             let beside = cells.as_ref().map(|cells| compare_geometry(&question, &found, cells)).transpose()?;
             let photons = asked.as_ref().map(|asked| compare_photons(&question, &found, asked)).transpose()?;
+            let stated =
+                relit.as_ref().map(|surface| self.stated((&session, surface), probe, &found)).transpose()?.flatten();
             let seconds = seconds() - start;
             show(p, &Shown { question: &question, surface: &surface, photons: asked.as_ref(), mean: found.mean })?;
             let (volume, env) = (subject.name.clone(), probe.name.clone());
             let lists = matches!(self.against, Against::Geometry { list: true });
             let listed = cells.iter().filter(|_| lists).flat_map(|cells| cells.exact()).collect();
-            rows.push(Compared { volume, isovalue, env, found, photons, geometry: beside, listed, seconds });
+            rows.push(Compared { volume, isovalue, env, found, stated, photons, geometry: beside, listed, seconds });
         }
         Ok(rows)
+    }
+
+    /// What relight says of the error of the same surface under the same light.
+    fn stated(
+        &self,
+        (session, surface): (&Session<'_>, &Surface<'_>),
+        probe: &Probe,
+        found: &Comparison,
+    ) -> Result<Option<Stated>> {
+        let (rotation_degrees, frame) = (self.rotation_degrees, self.frame);
+        let light = LightOptions { rotation_degrees, frame, split_sun: self.sun_split, ..LightOptions::default() };
+        let options = LitOptions { luminaires: self.luminaires.to_vec(), ..LitOptions::default() };
+        let light = session.light(probe, &light)?;
+        let lit = surface.lit(&light, &Material::new(self.albedo, self.emission)?, &options)?;
+        let radiance = lit.radiance();
+        let mean = radiance.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3 * radiance.len()).max(1) as f64;
+        Ok(lit.estimate_total_error()?.map(|error| found.stated(&error, mean)))
     }
 }
 
@@ -183,7 +206,7 @@ impl Compared {
         let budget: Map<_, _> = self.budget().iter().map(|b| (b.name.to_string(), json!(b.mean_square))).collect();
         json!({
             "volume": self.volume, "isovalue": self.isovalue, "environment": self.env, "mean_radiance": f.mean,
-            "whole": f.whole, "band_limited": f.band_limited, "budget_mean_square": budget,
+            "whole": f.whole, "band_limited": f.band_limited, "stated": self.stated, "budget_mean_square": budget,
             "reference_noise": f.reference_noise, "rays": f.rays, "seconds": self.seconds,
             "lookups": {
                 "all": f.lookups.lookups, "renormalised": f.lookups.renormalised,

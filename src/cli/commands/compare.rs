@@ -167,7 +167,8 @@ impl Compare {
         console.print(comparison::table(&rows));
         console.print(format!(
             "\n{} {}, {} paths each; all figures over the mean radiance of the reference. ± is half of the \
-             95 % interval over the vertices. RMS %: after the reference's exposure, clamped to [0, 1], as Beason (2005) measured.",
+             95 % interval over the vertices. RMS %: after the reference's exposure, clamped to [0, 1], as Beason (2005) measured. \
+             Stated: what relight says of its error; covers: how many channels are within 95 % of that.",
             self.points,
             if self.against == Against::Geometry { "points" } else { "vertices" },
             self.paths

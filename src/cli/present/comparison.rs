@@ -34,6 +34,8 @@ pub(in crate::cli) fn table(rows: &[Compared]) -> String {
         "max",
         "bias",
         "RMS %",
+        "stated",
+        "covers",
         "time",
     ])];
     for row in rows {
@@ -48,6 +50,8 @@ pub(in crate::cli) fn table(rows: &[Compared]) -> String {
                 text::percent(d.maximum),
                 signed(&d.bias),
                 format!("{:.2}", d.rms_percent),
+                row.stated.filter(|_| against == "whole light").map_or(String::new(), |s| text::percent(s.rms)),
+                row.stated.filter(|_| against == "whole light").map_or(String::new(), |s| text::percent(s.covered)),
                 text::duration(Duration::from_secs_f64(row.seconds)),
             ]);
         }
