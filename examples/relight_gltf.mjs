@@ -76,11 +76,12 @@ export function relight(model, light, albedo, withTail = true) {
   });
   if (last === 0 || !withTail) return radiance;
   for (let v = 0; v < count; v++) {
-    const [before, final] = [escapes[last - 1][v], escapes[last][v]];
+    const final = escapes[last][v];
     const survival = Math.max(0, 1 - escapes.reduce((sum, a) => sum + a[v], 0));
-    if (!(before > 0 && final > 0)) continue;
-    const ratio = Math.min(final / before, survival / (survival + final));
-    for (let c = 0; c < 3; c++) radiance[3 * v + c] += (layer[3 * v + c] * albedo[c] * ratio) / (1 - albedo[c] * ratio);
+    if (!(final > 0)) continue;
+    // ρ r/(1 − ρ r) with r = S/(S + a_K).
+    const gain = albedo.map((rho) => (rho * survival) / ((1 - rho) * survival + final));
+    for (let c = 0; c < 3; c++) radiance[3 * v + c] += layer[3 * v + c] * gain[c];
   }
   return radiance;
 }

@@ -14,12 +14,7 @@
 //! σ² = Σ_k v_k · E_k[(G_k + D_k − C)²].
 //!
 //! The mean over directions E_k is that over the escaping ones, E_k[f] = ⟨T_k, f⟩/a_k, defended by the mean over the
-//! sphere, because events happen at the edge of what is visible and not all over it ([`ELSEWHERE`]).
-//!
-//! The net of points that paths are drawn from does more for low bands than for high ones: at 1024 paths the variance of a
-//! coefficient of band 7 is many times that of band 0. So v_k is the mean of the variances of the bands, times 4π, by what the
-//! light has in each: with E_l the energy of G_k + D_k − C in band l, v_k = 4π Σ_l s_kl² E_l / Σ_l E_l. Over the whole sphere
-//! that makes σ² = Σ_kl s_kl² E_l, the variance of uncorrelated coefficients. The tail
+//! sphere, because events happen at the edge of what is visible and not all over it ([`ELSEWHERE`]). The tail
 //! belongs to G and C: the last layer brings 1 + g times its own, and because g is a ratio of chances to escape, an
 //! event in them moves the whole tail, D_k = Σ ⟨T_K, G_K⟩ ∂g/∂a_k. Paths that survive all layers are one layer more, with
 //! the variance of the last in proportion to their share. (The sum of a_k D_k is 0, so D is not in C.)
@@ -42,6 +37,7 @@
 
 use super::block::{LANES, Lanes};
 use super::{Light, Material};
+use crate::sampling::statistics::POOLED_BANDS;
 use crate::sh::{Coefficients, project};
 use crate::transfer::Layers;
 use glam::Vec4;
@@ -61,9 +57,8 @@ pub(super) const ROOT_FOUR_PI: f32 = 3.544_907_7;
 /// What the events of one layer bring.
 pub(super) struct LayerNoise {
     // Of the layer's standard errors.
-    pub(super) error_offset: usize,
-    // Energy of G_k in each band above 0, over 4π.
-    pub(super) energies: Vec<f32>,
+    error_offset: usize,
+    bands: usize,
     // Means over the sphere of G_k and of its square.
     pub(super) mean: f32,
     pub(super) mean_square: f32,
@@ -104,10 +99,9 @@ impl NoiseWeights {
                 row.w = value as f32;
             }
             reached[k] = reached[k].max(square_bands);
-            let energy = |l: usize| gain.values()[l * l..(l + 1) * (l + 1)].iter().map(|g| g * g).sum::<f64>();
             noise.push(LayerNoise {
                 error_offset: layers.error_offset(k),
-                energies: (1..seen).map(|l| (energy(l) / (4.0 * std::f64::consts::PI)) as f32).collect(),
+                bands,
                 mean: gain.mean() as f32,
                 mean_square: (gain.energy() / (4.0 * std::f64::consts::PI)) as f32,
             });
@@ -157,14 +151,11 @@ impl NoiseWeights {
         let mut sum = [0.0; LANES];
         for (k, layer) in self.layers.iter().enumerate() {
             let gain = if k == last { &tail_gain } else { &[1.0; LANES] };
-            // K − 1 and K; with one layer there is no tail, and the slopes are 0.
-            let ratio_slope = match (k + 2).checked_sub(last + 1) {
-                Some(of) => &tail.ratio_slopes[of],
-                None => &[0.0; LANES],
-            };
+            // With one layer there is no tail, and the slope is 0.
+            let ratio_slope = if k == last { &tail.ratio_slopes[0] } else { &[0.0; LANES] };
             // Paths that survive all layers are of the last.
             let survival = if k == last && k > 0 { &tail.survival } else { &[0.0; LANES] };
-            let [of_mean, of_rest, rest] = layer.band_variances(stderr);
+            let variance = layer.event_variance(stderr);
             let [red, green, blue, square] = &contracted[k];
             for j in 0..LANES {
                 let traded = continuation[j] - tail.slope[j] * ratio_slope[j];
@@ -176,10 +167,9 @@ impl NoiseWeights {
                 let a = ROOT_FOUR_PI * first[k][j];
                 let per_a = 1.0 / a;
                 let there = spread(mean(red[j], green[j], blue[j]) * per_a, square[j] * per_a);
-                let of_survivors = continuation[j] - tail.slope[j] * tail.ratio_slopes[2][j];
+                let of_survivors = continuation[j] - tail.slope[j] * tail.ratio_slopes[1][j];
                 let known = there + ELSEWHERE * (anywhere - there) + survival[j] * per_a * of_survivors * of_survivors;
-                sum[j] += event_variance([of_mean[j], of_rest[j], rest[j]], layer.mean * gain - traded, gain)
-                    * if a > NO_DIRECTIONS { known } else { anywhere };
+                sum[j] += variance[j] * if a > NO_DIRECTIONS { known } else { anywhere };
             }
         }
         sum
@@ -204,8 +194,8 @@ pub(super) struct TailRadiance {
     pub(super) beyond: Lanes,
     /// Its slope in the ratio of the tail.
     pub(super) slope: Lanes,
-    /// Slopes of the ratio in a_{K−1}, a_K and S_{K+1}.
-    pub(super) ratio_slopes: [Lanes; 3],
+    /// Slopes of the ratio in a_K and S_{K+1}.
+    pub(super) ratio_slopes: [Lanes; 2],
     /// S_{K+1}.
     pub(super) survival: Lanes,
 }
@@ -213,32 +203,25 @@ pub(super) struct TailRadiance {
 impl TailRadiance {
     /// No tail.
     pub(super) const NONE: Self =
-        Self { beyond: [0.0; LANES], slope: [0.0; LANES], ratio_slopes: [[0.0; LANES]; 3], survival: [0.0; LANES] };
-}
-
-/// v of a layer, from what [`LayerNoise::band_variances`] found, what the light has in band 0, and the gain.
-#[inline(always)]
-pub(super) fn event_variance([of_mean, of_rest, rest]: [f32; 3], in_mean: f32, gain: f32) -> f32 {
-    let (low, high) = (in_mean * in_mean, gain * gain);
-    let all = low + high * rest;
-    ROOT_FOUR_PI * ROOT_FOUR_PI * if all > 0.0 { (low * of_mean + high * of_rest) / all } else { of_mean }
+        Self { beyond: [0.0; LANES], slope: [0.0; LANES], ratio_slopes: [[0.0; LANES]; 2], survival: [0.0; LANES] };
 }
 
 impl LayerNoise {
-    /// Variance of a coefficient of band 0, those of the others times the energies there, and the sum of these.
+    /// Variance of a_k from events, out of the bands that share it.
     #[inline(always)]
-    fn band_variances(&self, stderr: &[Lanes]) -> [Lanes; 3] {
-        let [mut of_mean, mut of_rest, mut rest] = [[0.0; LANES]; 3];
-        let errors = &stderr[self.error_offset..];
-        for j in 0..LANES {
-            of_mean[j] = errors[0][j] * errors[0][j];
-        }
-        for (s, &energy) in errors[1..].iter().zip(&self.energies) {
+    fn event_variance(&self, stderr: &[Lanes]) -> Lanes {
+        let bands = self.bands.min(POOLED_BANDS);
+        let mut sum = [0.0; LANES];
+        for (l, s) in stderr[self.error_offset..][..bands].iter().enumerate() {
+            let weight = (2 * l + 1) as f32;
             for j in 0..LANES {
-                of_rest[j] += energy * s[j] * s[j];
-                rest[j] += energy;
+                sum[j] += weight * s[j] * s[j];
             }
         }
-        [of_mean, of_rest, rest]
+        let factor = ROOT_FOUR_PI * ROOT_FOUR_PI / (bands * bands) as f32;
+        for j in 0..LANES {
+            sum[j] *= factor;
+        }
+        sum
     }
 }

@@ -6,10 +6,10 @@ use half::f16;
 const CASES: [&[f32]; 8] = [
     &[0.5, 0.25, 0.125, 0.0625],
     &[0.9, 0.05, 0.01],
-    // The measured ratio would bring Σ a above 1, so the survivors cap it.
+    // Layers that do not fall.
     &[0.6, 0.1, 0.1, 0.1],
-    // No tail: nothing to take a ratio of.
     &[0.7, 0.0, 0.1],
+    // No tail: nothing that falls.
     &[0.7, 0.1, 0.0],
     &[0.4],
     &[1.0, 0.0],
@@ -32,7 +32,9 @@ fn the_tail_is_the_sum_of_the_layers_that_it_stands_for() {
         let ratio = f64::from(tail.ratio);
         let all = continued(escapes, ratio);
         let total: f64 = all.iter().sum();
-        assert!(total <= 1.0 + 1e-6, "{escapes:?}: more escapes than there is, {total}");
+        // All escape where some do after the last layer.
+        let expected = if tail.ratio > 0.0 { 1.0 } else { escapes.iter().map(|&a| f64::from(a)).sum() };
+        assert!((total - expected).abs() < 1e-6, "{escapes:?}: {total} escapes of {expected}");
         for albedo in [0.0f32, 0.2, 0.7, 0.95, 1.0] {
             let (rho, last) = (f64::from(albedo), f64::from(*escapes.last().unwrap()));
             let direct: f64 = all[escapes.len()..].iter().enumerate().map(|(j, a)| rho.powi(j as i32 + 1) * a).sum();
@@ -41,12 +43,28 @@ fn the_tail_is_the_sum_of_the_layers_that_it_stands_for() {
         }
     }
     assert_eq!(Tail::new(&[0.5, 0.25, 0.125]).ratio, 0.5);
-    for no_tail in [CASES[3], CASES[4], CASES[5], CASES[7]] {
+    for no_tail in [&[0.7, 0.1, 0.0][..], &[0.4], &[1.0, 0.0], &[0.0, 0.0, 0.0]] {
         assert_eq!(Tail::new(no_tail).ratio, 0.0, "{no_tail:?}");
     }
-    // Capped: a_K r/(1 − r) = S_(K+1).
-    let capped = Tail::new(CASES[2]).ratio;
-    assert!((0.1 * capped / (1.0 - capped) - 0.1).abs() < 1e-6);
+}
+
+/// Two series at once, a fast and a slow one: the tail lies above the truth, and the measured ratio further below it.
+#[test]
+fn of_mixtures_the_tail_is_the_brightest() {
+    for (share, fast, slow) in [(0.5, 0.1, 0.9), (0.9, 0.3, 0.8), (0.2, 0.5, 0.7), (0.99, 0.2, 0.97)] {
+        let of = |k: i32| share * (1.0 - fast) * f64::powi(fast, k) + (1.0 - share) * (1.0 - slow) * f64::powi(slow, k);
+        let escapes: Vec<f32> = (0..4).map(|k| of(k) as f32).collect();
+        for albedo in [0.3f64, 0.7, 0.95] {
+            let truth: f64 = (4..4000).map(|k| albedo.powi(k - 3) * of(k)).sum();
+            let found = f64::from(Tail::new(&escapes).gain(albedo as f32)) * of(3);
+            let x = albedo * of(3) / of(2);
+            let darker = of(3) * x / (1.0 - x);
+            assert!(
+                darker <= truth && truth <= found * (1.0 + 1e-5),
+                "{share} {fast} {slow} {albedo}: {darker} {truth} {found}"
+            );
+        }
+    }
 }
 
 #[test]

@@ -356,8 +356,9 @@ mod tests {
 
     #[test]
     fn noise_counts_as_much_as_the_light_picks_of_it() {
-        // All of the noise of band 1 is in one of its three coefficients, which all of the light is in: three times the variance that
-        // is stated. Nothing is seen in the mean, so that no direction is known of the noise.
+        // All of the noise of band 1 is in one of its three coefficients. Its variance v is taken for (v/4 + 3 v/3)/4 of each, since the four of
+        // both bands are pooled and that of band 0 is their mean: 5/16 v. So light in that one picks 16/5, light in all three 16/15 of what is
+        // stated. Nothing is seen in the mean, so that no direction is known of the noise.
         let layers = Layers::uniform(1, 2).unwrap();
         let material = Material::new([1.0; 3], [0.0; 3]).unwrap();
         let (count, noise) = (64, 0.02);
@@ -378,7 +379,7 @@ mod tests {
             mean: 1.0,
             at_vertices: true,
         };
-        for (light, ratio) in [([0.0, 0.0, 1.0, 0.0], 3.0), ([0.0, 1.0, 1.0, 1.0], 1.0)] {
+        for (light, ratio) in [([0.0, 0.0, 1.0, 0.0], 3.2), ([0.0, 1.0, 1.0, 1.0], 16.0 / 15.0)] {
             let light = Light::new(light.iter().map(|&l| [l; 3]).collect()).unwrap();
             let found = total_error(&layers, &checks, &lookups, (&light, &material), None, None).unwrap();
             // 16 bits: 2^-11 of each standard error.

@@ -4,6 +4,7 @@ use super::contract::{NO_LEVEL_SET, Textures, UNBAKED, Weights, contract};
 use super::noise::{ELSEWHERE, NO_DIRECTIONS, ROOT_FOUR_PI};
 use super::{Light, Material, Tail};
 use crate::sampling::hash::uniform;
+use crate::sampling::statistics::POOLED_BANDS;
 use crate::transfer::{BRICK_TEXELS, Brick, BrickSource, Lattice, Layers, Layout, MAX_LAYERS, MemoryTexture, validity};
 use glam::{Vec3, Vec4};
 use half::f16;
@@ -31,7 +32,7 @@ pub(super) fn texel(weights: &Weights, transfer: &[f32], stderr: &[f16], layers:
         rgb += *layer;
     }
     let mut rgb = rgb.truncate();
-    let (mut beyond, mut slope, mut slopes, mut survival, mut left_out) = (0.0, 0.0, [0.0; 3], 0.0, 0.0f32);
+    let (mut beyond, mut slope, mut slopes, mut survival, mut left_out) = (0.0, 0.0, [0.0; 2], 0.0, 0.0f32);
     let last = layers.len() - 1;
     if last > 0 || weights.emission != [0.0; 3] {
         let escapes: Vec<f32> =
@@ -60,20 +61,15 @@ pub(super) fn texel(weights: &Weights, transfer: &[f32], stderr: &[f16], layers:
     let mut variance = 0.0;
     for (k, layer) in weights.noise.layers.iter().enumerate() {
         let gain = if k == last { tail_gain } else { 1.0 };
-        let shift = if k + 2 > last { slope * slopes[k + 1 - last] } else { 0.0 };
+        let shift = if k == last { slope * slopes[0] } else { 0.0 };
         let traded = continuation - shift;
         let spread =
             |mean: f32, square: f32| (square * gain * gain - 2.0 * traded * mean * gain + traded * traded).max(0.0);
         let anywhere = spread(layer.mean, layer.mean_square);
-        let errors: Vec<f32> = stderr[layers.error_offset(k)..].iter().map(|s| s.to_f32()).collect();
-        let low = (layer.mean * gain - traded) * (layer.mean * gain - traded);
-        let (mut of_rest, mut rest) = (0.0, 0.0);
-        for (s, energy) in errors[1..].iter().zip(&layer.energies) {
-            (of_rest, rest) = (of_rest + energy * s * s, rest + energy);
-        }
-        let (of_mean, all) = (errors[0] * errors[0], low + gain * gain * rest);
-        let events = if all > 0.0 { (low * of_mean + gain * gain * of_rest) / all } else { of_mean };
-        let events = ROOT_FOUR_PI * ROOT_FOUR_PI * events;
+        let bands = layers.bands()[k].min(POOLED_BANDS);
+        let errors = stderr[layers.error_offset(k)..][..bands].iter().map(|s| s.to_f32()).enumerate();
+        let events = errors.fold(0.0, |sum, (l, s)| sum + (2 * l + 1) as f32 * s * s);
+        let events = events * (ROOT_FOUR_PI * ROOT_FOUR_PI / (bands * bands) as f32);
         if escape(k) <= NO_DIRECTIONS {
             variance += events * anywhere;
             continue;
@@ -82,7 +78,7 @@ pub(super) fn texel(weights: &Weights, transfer: &[f32], stderr: &[f16], layers:
         let there = spread(channels(k) * per_escape, contracted[k].w * per_escape);
         let mut known = there + ELSEWHERE * (anywhere - there);
         if k == last && k > 0 {
-            let traded = continuation - slope * slopes[2];
+            let traded = continuation - slope * slopes[1];
             known += survival * per_escape * traded * traded;
         }
         variance += events * known;
@@ -94,21 +90,12 @@ fn sum(v: Vec3) -> f32 {
     v.x + v.y + v.z
 }
 
-/// ∂r/∂a_{K−1}, ∂r/∂a_K and ∂r/∂S_{K+1}.
-fn ratio_slopes(escapes: &[f32], ratio: f32) -> [f32; 3] {
+/// ∂r/∂a_K and ∂r/∂S_{K+1}.
+fn ratio_slopes(escapes: &[f32], ratio: f32) -> [f32; 2] {
     let survival = (1.0 - escapes.iter().sum::<f32>()).max(0.0);
-    let [.., before, last] = *escapes else { return [0.0; 3] };
-    if ratio <= 0.0 {
-        return [0.0; 3];
-    }
-    let all = survival + last;
-    if last * all <= survival * before {
-        // ratio = last / before.
-        [-ratio * (1.0 / before), 1.0 / before, 0.0]
-    } else {
-        let per_all = 1.0 / all;
-        [0.0, -survival * per_all * per_all, last * per_all * per_all]
-    }
+    let last = escapes.last().copied().unwrap_or(0.0);
+    let per_all = 1.0 / (survival + last);
+    if ratio > 0.0 { [-survival * per_all * per_all, last * per_all * per_all] } else { [0.0; 2] }
 }
 
 /// A texture of two bricks of noise around what surfaces have; a texel in `one_in` is valid.

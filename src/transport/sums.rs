@@ -209,12 +209,10 @@ fn stated_variance<F: Real>(layers: &Layers, weights: &[f32], texel: &TexelEstim
     let continuation = if blocked > 1e-6 { continued / blocked } else { 0.0 };
     let (mut sum, mut survival, mut last) = (0.0, 1.0, 0.0);
     for k in 0..layers.len() {
-        let error = |l: usize| texel.stderr[layers.error_offset(k) + l].as_f32();
-        let of_band =
-            |l: usize| weights[first(k) + l * l..first(k) + (l + 1) * (l + 1)].iter().map(|w| w * w).sum::<f32>();
-        sum += (root_four_pi * error(0) * (mean(k) - continuation)).powi(2);
-        sum += (1..layers.bands()[k]).map(|l| error(l).powi(2) * of_band(l)).sum::<f32>();
-        let variance = (root_four_pi * error(0)).powi(2);
+        let energy: f32 = weights[first(k)..first(k) + layers.bands()[k].pow(2)].iter().map(|w| w * w).sum();
+        let squared = energy / (root_four_pi * root_four_pi);
+        let variance = (root_four_pi * texel.stderr[layers.error_offset(k)].as_f32()).powi(2);
+        sum += variance * (squared - 2.0 * continuation * mean(k) + continuation * continuation).max(0.0);
         survival -= escape(k);
         last = if escape(k) > 1e-3 { variance / escape(k) } else { 0.0 };
     }

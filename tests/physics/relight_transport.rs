@@ -113,7 +113,7 @@ fn in_a_furnace_everything_is_as_bright_as_the_sky() {
         }
     }
     // Without emission the deficit after the last layer is what is still travelling, ρ^(N+1) at
-    // most with N stored layers and no tail (a_(K−1) or a_K = 0) or less.
+    // most with N stored layers and no tail (a_K = 0) or less.
     let (_, texels, baked) = gyroid(&settings(&[1, 1, 1, 1], 64, 3), 300);
     for &t in &texels {
         let survive = 1.0 - (0..4).map(|k| baked.escape(t, k)).sum::<f64>();

@@ -279,10 +279,9 @@ impl Weights {
                 escaped[j] += ROOT_FOUR_PI * first[j];
             }
         }
-        let before = if last > 0 { &work.first[last - 1] } else { &[0.0; LANES] };
         let (of_last, rgb) = (&work.contracted[last], &mut work.rgb);
         for j in 0..LANES {
-            let tail = Tail::beyond(escaped[j], ROOT_FOUR_PI * before[j], ROOT_FOUR_PI * work.first[last][j]);
+            let tail = Tail::beyond(escaped[j], ROOT_FOUR_PI * work.first[last][j], last > 0);
             let [mut beyond, mut slope] = [[0.0; 3]; 2];
             for c in 0..3 {
                 let [gain, gain_slope] = tail.gain_and_slope(self.albedo[c]);
@@ -292,7 +291,7 @@ impl Weights {
             work.tail.beyond[j] = mean(beyond[0], beyond[1], beyond[2]);
             work.tail.slope[j] = mean(slope[0], slope[1], slope[2]);
             let slopes = tail.ratio_slopes();
-            for i in 0..3 {
+            for i in 0..2 {
                 work.tail.ratio_slopes[i][j] = slopes[i];
             }
             work.tail.survival[j] = tail.survival;

@@ -38,7 +38,7 @@ function coefficients(bands, channels) {
  * Contraction for the given bands of each layer; `luminaires` is their number in a scene, null for a volume alone.
  *
  * Alone: Σ_k ρ^(k+1) ⟨T_k, L⟩ and the tail beyond the last layer, which falls geometrically with the ratio
- * r = min(a_K/a_(K−1), S/(S + a_K)) of the chances to escape a_k = sqrt(4π) T_k,00; and emission, Σ_k ρ^k S_k to its end.
+ * r = S/(S + a_K) of the chances to escape a_k = sqrt(4π) T_k,00; and emission, Σ_k ρ^k S_k to its end.
  * In a scene, channel by channel: Σ_k ρ^(k+1) (⟨T_k, L⟩ + Σ_l s_l G_k,l + e G_k) + e, the last layer repeated with the
  * share r = min(1, G_K/G_(K−1)) of the emission's group.
  */
@@ -83,7 +83,8 @@ function contractionAlone(bands) {
   };
   return `float escape[${last + 1}];
   ${reads("transfer", all.length, use)}
-  float survival = 1.0, ratio = 0.0, ultimate = escape[${last}];
+  float survival = 1.0, ultimate = escape[${last}];
+  bool falls = false;
   for (int k = 0; k <= ${last}; k++) {
     power *= albedo;
     survival -= escape[k];
@@ -91,15 +92,13 @@ function contractionAlone(bands) {
   }
   survival = max(survival, 0.0);
 ${last > 0 ? `
-  float before = escape[${last - 1}];
-  if (before > 0.0 && ultimate > 0.0) ratio = min(ultimate / before, survival / (survival + ultimate));
-  vec3 x = albedo * ratio;
-  sum += shown[${last + 1}] * layer[${last}] * x / (1.0 - x);` : ""}
-  // Emission beyond: what never escapes, which has no end at albedo 1, and what does in ever smaller parts.
-  float forever = max(survival - ultimate * ratio / (1.0 - ratio), 0.0);
-  vec3 decaying = ultimate * ratio * ratio / ((1.0 - ratio) * (1.0 - albedo * ratio));
-  vec3 ends = mix(vec3(0.0), forever / max(1.0 - albedo, 1e-6), lessThan(albedo, vec3(1.0)));
-  sum += shown[${last + 1}] * emitted * power * albedo * (ends + decaying);`;
+  falls = ultimate > 0.0;
+  // ρ r/(1 − ρ r), where nothing vanishes that rounds.
+  if (falls) sum += shown[${last + 1}] * layer[${last}] * albedo * survival / ((1.0 - albedo) * survival + ultimate);` : ""}
+  // Emission beyond: what survives escapes in ever smaller parts, or never, which has no end at albedo 1.
+  vec3 decaying = survival * survival / max((1.0 - albedo) * survival + ultimate, 1e-12);
+  vec3 forever = mix(vec3(0.0), survival / max(1.0 - albedo, 1e-6), lessThan(albedo, vec3(1.0)));
+  sum += shown[${last + 1}] * emitted * power * albedo * (falls ? decaying : forever);`;
 }
 
 function contractionInScene(bands, luminaires) {
