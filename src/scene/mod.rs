@@ -36,6 +36,7 @@ pub use material::{EmissionRule, MaterialRule, Table};
 pub use member::{Front, Member, VolumeOptions};
 #[doc(hidden)]
 pub use member::{NamedIsovalue, check_count, missing_store};
+pub(crate) use model::sample_and_count;
 #[doc(hidden)]
 pub use model::{ModelName, describe, sample};
 #[doc(hidden)]

@@ -5,10 +5,11 @@ use super::geometry::{TriangleMesh, read_mesh};
 use crate::error::{Error, Result};
 use crate::file::{self, Beside};
 use crate::geom::Affine;
-use crate::model::Tree;
+use crate::model::{Counters, Tree};
+use crate::quantity::bytes;
 use crate::volume::{Choice, ModelText, Note, ReadHint, Samples, Solid, Volume, open_with};
 use glam::DVec3;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Longest text of a model: as of a scene.
@@ -185,6 +186,11 @@ pub(super) fn no_model(name: &str) -> Error {
 /// # Errors
 /// When memory does not suffice, or a value is beyond what samples can be.
 pub fn sample(model: &ModelDescription, name: String) -> Result<Volume> {
+    Ok(sample_and_count(model, name)?.0)
+}
+
+/// The same, and what it took.
+pub(crate) fn sample_and_count(model: &ModelDescription, name: String) -> Result<(Volume, Counters)> {
     let dims = model.dims;
     let count = dims.iter().try_fold(1usize, |n, &d| n.checked_mul(d));
     let mut values: Vec<f32> = Vec::new();
@@ -218,7 +224,7 @@ pub fn sample(model: &ModelDescription, name: String) -> Result<Volume> {
             format!("{} values of the model are missing (NaN) and take the least of the others", counters.mended);
         volume.notes.push(Note { text, count: counters.mended });
     }
-    Ok(volume)
+    Ok((volume, counters))
 }
 
 #[cfg(test)]
