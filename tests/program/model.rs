@@ -152,6 +152,12 @@ fn exact_vertices_lie_on_the_model() {
         assert!(message.contains(named) && message.contains("--exact-vertices"), "{line}: {message}");
     }
     bench.run("relight files.toml --isovalue 0.5 --env sky --rays 4 --exact-vertices --cache c -o f.ply");
+    // Of several isovalues none is added where one is refused: the store goes on as it began.
+    bench.run("bake m.toml --isovalues 0.6 --rays 4 -o both.isolume");
+    let message = bench.refuses("bake m.toml --isovalues 0.5,0.6 --rays 4 --exact-vertices -o both.isolume");
+    assert!(message.contains("leave out --exact-vertices") || message.contains("on its samples"), "{message}");
+    bench.run("bake m.toml --isovalues 0.5,0.6 --rays 4 -o both.isolume");
+    bench.run("verify both.isolume");
 }
 
 #[test]
