@@ -97,9 +97,9 @@ impl Files for BesideModel {
         read_mesh(&bytes, &mut read).map_err(|e| e.in_file(&path))
     }
 
-    fn volume(&mut self, name: &str) -> Result<Volume> {
+    fn volume(&mut self, name: &str, choice: Choice) -> Result<Volume> {
         let path = self.beside.path(name)?;
-        let choice = Choice { allow_outside: self.allow_outside, ..Choice::default() };
+        let choice = Choice { allow_outside: self.allow_outside, ..choice };
         open_with(&path, &ReadHint { choice, ..ReadHint::default() })
     }
 
@@ -153,7 +153,7 @@ impl Files for Nowhere {
         Self::refuse(name)
     }
 
-    fn volume(&mut self, name: &str) -> Result<Volume> {
+    fn volume(&mut self, name: &str, _: Choice) -> Result<Volume> {
         Self::refuse(name)
     }
 

@@ -17,9 +17,10 @@ use crate::model::tree::{DEEPEST, MOST_NODES};
 use crate::model::{Node, Tree};
 use crate::scene::geometry::TriangleMesh;
 use crate::scene::nearest;
-use crate::volume::{Solid, Volume};
+use crate::volume::{Choice, Solid, Volume};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
+use toml::de::DeTable;
 
 /// Samples along the longest side where neither the name nor the model says.
 pub const DEFAULT_SAMPLES: usize = 128;
@@ -77,7 +78,7 @@ pub trait Files {
     ///
     /// # Errors
     /// When it cannot be read.
-    fn volume(&mut self, name: &str) -> Result<Volume>;
+    fn volume(&mut self, name: &str, choice: Choice) -> Result<Volume>;
 
     /// The bytes of a file.
     ///
