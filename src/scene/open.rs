@@ -39,6 +39,8 @@ pub struct SceneFile {
     /// What the file says.
     pub description: SceneDescription,
     folder: PathBuf,
+    // Taken before the file was read.
+    stamp: Option<String>,
 }
 
 impl Scene {
@@ -181,6 +183,7 @@ impl SceneFile {
     /// # Errors
     /// When there is none, it is no description of a scene, or the environment that it names is not there.
     pub fn read(path: &str) -> Result<Self> {
+        let stamp = file::stamp(path);
         let text = read_text(path).map_err(|error| {
             let Error::Io { source: e, .. } = &error else { return error };
             let near = nearest_beside(path, |name| name.ends_with(".toml"));
@@ -196,7 +199,7 @@ impl SceneFile {
             }
         })?;
         let folder = Path::new(path).parent().map(Path::to_path_buf).unwrap_or_default();
-        let file = Self { description: SceneDescription::parse(&text, path)?, folder };
+        let file = Self { description: SceneDescription::parse(&text, path)?, folder, stamp };
         if let Some(probe) = file.description.probe.as_ref().filter(|p| p.is_file) {
             let place = file.folder.join(&probe.name.value);
             if !place.exists() {
@@ -214,7 +217,7 @@ impl SceneFile {
     /// As [`SceneDescription::parse`].
     #[doc(hidden)]
     pub fn from_text(text: &str, name: &str) -> Result<Self> {
-        Ok(Self { description: SceneDescription::parse(text, name)?, folder: PathBuf::new() })
+        Ok(Self { description: SceneDescription::parse(text, name)?, folder: PathBuf::new(), stamp: None })
     }
 
     /// Opens its volumes, with what stands around them and is not switched off.
@@ -403,7 +406,12 @@ impl SceneFile {
         self.description.bake.bands.iter().map(|&b| b as u8).collect()
     }
 
-    /// All files that it names.
+    /// The [`file::stamp`] of the file as it was before it was read.
+    pub(crate) fn stamp(&self) -> Option<String> {
+        self.stamp.clone()
+    }
+
+    /// All files that it names, and those that models among them name.
     #[doc(hidden)]
     pub fn files(&self) -> Vec<PathBuf> {
         let description = &self.description;
