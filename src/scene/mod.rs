@@ -41,6 +41,7 @@ pub(crate) use model::sample_and_count;
 pub use model::{ModelName, describe, sample};
 #[doc(hidden)]
 pub use names::nearest;
+pub(crate) use open::files_of;
 pub use open::{DARK, Scene, SceneFile, distant_light};
 #[doc(hidden)]
 pub use plan::{BodyForecast, MediumForecast, Pilot, PlanInput, Surrounded, plan};

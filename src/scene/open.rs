@@ -3,7 +3,7 @@
 use super::geometry::{Among, DistantLight, Geometry, Partner, TriangleMesh};
 use super::medium::{Body, Medium, MediumField};
 use super::member::{AmongOthers, nearest_beside};
-use super::model::ModelName;
+use super::model::{ModelName, files_of_model};
 use super::{
     Coupled, Coupling, Effects, FieldDescription, Located, Member, SceneDescription, VolumeDescription, VolumeOptions,
     WallShape, nearest,
@@ -428,9 +428,21 @@ impl SceneFile {
             _ => None,
         });
         let named = volumes.chain(walls).chain(of_media).chain(probe).chain(fixed).chain([&description.volume.value]);
-        let of_model = |name: &'_ String| ModelName::of(name).map_or(name.as_str(), |model| model.path).to_string();
-        named.map(|name| self.folder.join(of_model(name))).collect()
+        let in_folder = named.map(|name| self.folder.join(name));
+        let files = in_folder.flat_map(|path| match ModelName::of(&path.to_string_lossy()) {
+            Some(model) => files_of_model(&model),
+            None => vec![path],
+        });
+        files.collect()
     }
+}
+
+/// What an argument that may be a path is read from: it, and of a scene or a model the files that it names.
+pub(crate) fn files_of(name: &str) -> Vec<PathBuf> {
+    let Some(model) = ModelName::of(name) else { return vec![name.into()] };
+    // What cannot be read is refused where it is read.
+    let scene = SceneFile::read(model.path).map(|scene| scene.files()).unwrap_or_default();
+    files_of_model(&model).into_iter().chain(scene).collect()
 }
 
 /// An environment that is fixed before the bake, as it stands in the world.
