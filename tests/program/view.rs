@@ -138,7 +138,7 @@ fn a_watched_scene_is_baked_as_it_says_now() {
     };
     let bench = Bench::new();
     bench.write("m.toml", text(1));
-    let (mut served, address, path) = served_by(&bench, "view m.toml --watch --bands 2 --cache c -q");
+    let (mut served, address, path) = served_by(&bench, "view m.toml --watch --cache c -q");
     let json = |name: &str| -> serde_json::Value {
         let body = ask(&address, &format!("GET {path}{name} HTTP/1.1\r\nHost: {address}"), b"").1;
         serde_json::from_slice(&body).expect("JSON")
