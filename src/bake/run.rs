@@ -105,11 +105,15 @@ fn fill_surfaces(
     observer: &dyn Observer,
     report: &mut Report,
 ) -> Result<()> {
-    let mut surfaces = Vec::with_capacity(isovalues.len());
+    let on_model = job.volume.exact.is_some();
+    let mut meshes = Vec::with_capacity(isovalues.len());
     for &isovalue in isovalues {
-        let mesh = isosurface(job.volume, pyramid, isovalue)?;
-        let surface =
-            store.open_or_add_surface(isovalue, &mesh, job.volume.world_from_grid(), job.volume.exact.is_some())?;
+        meshes.push((isovalue, isosurface(job.volume, pyramid, isovalue)?));
+    }
+    store.check_surfaces(meshes.iter().map(|(isovalue, mesh)| (*isovalue, mesh)), on_model)?;
+    let mut surfaces = Vec::with_capacity(isovalues.len());
+    for (isovalue, mesh) in meshes {
+        let surface = store.open_or_add_surface(isovalue, &mesh, job.volume.world_from_grid(), on_model)?;
         let Mesh { positions_in_grid, normals, triangles } = mesh;
         surfaces.push((surface, SurfacePoints { isovalue, positions_in_grid, normals, own: Vec::new() }, triangles));
     }

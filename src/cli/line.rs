@@ -19,7 +19,7 @@ use crate::cli::commands::relight::Relight;
 use crate::cli::commands::study::Study;
 use crate::cli::commands::verify::Verify;
 use crate::cli::commands::view::View;
-use crate::cli::failure::Outcome;
+use crate::cli::failure::{Failure, Outcome};
 use crate::cli::present::console::Console;
 use crate::error::Result;
 use crate::scene::{DARK, SceneFile};
@@ -136,14 +136,14 @@ pub(super) fn parse(line: Vec<OsString>) -> Result<std::result::Result<Cli, clap
     let absent = |id: &str| given.try_contains_id(id).is_ok() && !is_given(id) && !is_chosen(id);
     let options =
         scene::options(&file, &command).into_iter().filter(|(id, _)| absent(id)).map(|(_, text)| OsString::from(text));
-    let line: Vec<OsString> = line.into_iter().chain(options).collect();
-    let parsed = Cli::command().try_get_matches_from(line).and_then(|m| Cli::from_arg_matches(&m));
+    let whole = line.iter().cloned().chain(options);
+    let parsed = Cli::command().try_get_matches_from(whole).and_then(|m| Cli::from_arg_matches(&m));
     Ok(parsed.map(|mut cli| {
         match &mut cli.command {
             Command::Bake(bake) => bake.scene = Some(file),
             Command::Plan(plan) => plan.scene = Some(file),
             Command::Relight(relight) => relight.scene = Some(file),
-            Command::View(view) => view.scene = Some(file),
+            Command::View(view) => (view.scene, view.again) = (Some(file), Some((line, view_of as _))),
             _ => {}
         }
         cli
@@ -166,6 +166,15 @@ fn with_light_of_store(mut line: Vec<OsString>) -> Vec<OsString> {
         line.push(format!("--env={DARK}").into());
     }
     line
+}
+
+/// The page that a line asks for.
+fn view_of(line: Vec<OsString>) -> Outcome<Box<View>> {
+    match parse(line)? {
+        Ok(Cli { command: Command::View(view), .. }) => Ok(view),
+        Ok(_) => Err(Failure::Message("no page".into())),
+        Err(error) => Err(Failure::Message(error.to_string())),
+    }
 }
 
 /// The bake that a line asks for; `None` where it asks for something else.

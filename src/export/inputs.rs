@@ -1,23 +1,17 @@
 //! What is read, so that it is not written over.
 
 use crate::error::{Error, Result};
+use crate::scene::files_of;
 use std::fs::{self, Metadata};
 use std::path::{Path, PathBuf};
 
-/// Paths that are read; names of fields, skies and embedded environments are no paths, and do no harm here.
+/// Paths that are read, of scenes and models with the files that they name; names of fields, skies and embedded environments are no paths, and do no harm here.
 pub struct Inputs(Vec<PathBuf>);
 
 impl Inputs {
     /// Arguments that may be paths.
     pub fn new<'a>(arguments: impl IntoIterator<Item = &'a String>) -> Self {
-        Self(arguments.into_iter().map(PathBuf::from).collect())
-    }
-
-    /// And other files, such as those that a scene names.
-    #[must_use]
-    pub fn with(mut self, files: impl IntoIterator<Item = PathBuf>) -> Self {
-        self.0.extend(files);
-        self
+        Self(arguments.into_iter().flat_map(|argument| files_of(argument)).collect())
     }
 
     /// Refuses an output that is one of the inputs, under whatever name, or a file of an input store.

@@ -19,6 +19,7 @@ pub struct Grid {
     // Of the samples.
     range: Interval,
     between: Between,
+    is_zero_beyond: bool,
     // Least and largest sample of each block, those on its upper faces included.
     blocks: Vec<[f32; 2]>,
 }
@@ -38,6 +39,9 @@ impl Between {
         if self == Self::Cubic { 1.953125 } else { 1.0 }
     }
 }
+
+/// Part of the box by which a point may lie outside of it and count as on its face: maps to the box and back round it.
+const BORDER: f64 = 1e-9;
 
 /// Samples along the side of a block.
 const BLOCK: usize = 8;
@@ -64,12 +68,22 @@ impl Grid {
             blocks.push(ends(of_block));
         }
         let range = range(blocks.iter().copied(), between);
-        Some(Self { dims, values, bounds, range, between, blocks })
+        let on_face = |at: [usize; 3]| (0..3).any(|a| at[a] == 0 || at[a] + 1 == dims[a]);
+        let is_zero_beyond = match between {
+            Between::Cubic => grid3::all(dims).zip(&values).all(|(at, value)| *value == 0.0 || !on_face(at)),
+            Between::Linear(beyond) => beyond == 0.0,
+        };
+        Some(Self { dims, values, bounds, range, between, is_zero_beyond, blocks })
     }
 
     /// The box.
     pub fn bounds(&self) -> Bounds {
         self.bounds
+    }
+
+    /// Whether the value is 0 outside of the box.
+    pub fn is_zero_beyond(&self) -> bool {
+        self.is_zero_beyond
     }
 
     /// Where all values lie.
@@ -92,8 +106,8 @@ impl Grid {
             let scale = last / self.bounds.size()[axis];
             let ends = [-1.0, 1.0].map(|side| region.centre[axis] + side * region.half[axis]);
             let at = |v: f64| (v - self.bounds.min[axis]) * scale;
-            // Rounding may put a point of the face on either side.
-            is_inside &= at(ends[0]) > 1e-9 * last && at(ends[1]) < last * (1.0 - 1e-9);
+            // A point at the very margin may be taken for either side.
+            is_inside &= at(ends[0]) >= -0.5 * BORDER * last && at(ends[1]) <= last * (1.0 + 0.5 * BORDER);
             let ends = ends.map(|v| at(v).clamp(0.0, last));
             low[axis] = (ends[0].floor() as usize).saturating_sub(2);
             high[axis] = (ends[1].floor() as usize + 3).min(self.dims[axis] - 1);
@@ -129,7 +143,8 @@ impl Grid {
             Between::Cubic => self.interpolated(p, 1, cubic),
             Between::Linear(beyond) => {
                 let at = DVec3::from_array(p.map(S::value));
-                let is_inside = at.cmpge(self.bounds.min).all() && at.cmple(self.bounds.max).all();
+                let margin = BORDER * self.bounds.size();
+                let is_inside = at.cmpge(self.bounds.min - margin).all() && at.cmple(self.bounds.max + margin).all();
                 if is_inside { self.interpolated(p, 0, |t| [S::of(1.0) - t, t]) } else { S::of(beyond) }
             }
         }

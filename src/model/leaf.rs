@@ -181,8 +181,9 @@ impl Leaf {
         }
     }
 
-    /// The box outside of which the value is 0 (of a distance: that of the body at radius); infinite where there is none.
-    pub fn support(&self) -> Bounds {
+    /// The box outside of which the value is 0 (of a distance: that of the body at radius); infinite where there is none. With
+    /// `of_body` that outside of which nothing is solid: the value may be another than 0 there.
+    pub fn support(&self, of_body: bool) -> Bounds {
         let all = Bounds { min: DVec3::NEG_INFINITY, max: DVec3::INFINITY };
         let grown = |bounds: Bounds, by: f64| Bounds { min: bounds.min - by, max: bounds.max + by };
         match self {
@@ -193,8 +194,8 @@ impl Leaf {
             Self::Distance(shape, radius) => grown(shape.bounds(), radius.max(0.0)),
             Self::Ramp(shape, width) => grown(shape.bounds(), *width),
             Self::Convolution(convolution) => convolution.support(),
-            Self::Grid(grid) => grid.bounds(),
-            Self::Rbf(_) | Self::Formula(_) => all,
+            Self::Grid(grid) if of_body || grid.is_zero_beyond() => grid.bounds(),
+            Self::Grid(_) | Self::Rbf(_) | Self::Formula(_) => all,
         }
     }
 

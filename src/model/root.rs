@@ -32,31 +32,28 @@ impl RootFinder {
 
 /// Part of a segment below which a bracket is a point. Positions in single precision are 2⁻²⁴ of their size apart.
 const NARROW: f64 = 1e-12;
-/// Most evaluations: halving alone needs 40 for [`NARROW`], and a step that does not halve is followed by one that does.
-const MOST: usize = 100;
+/// Evaluations after which brackets are halved and nothing else.
+const FAST: u32 = 40;
+/// Most evaluations: halving alone needs 40 for [`NARROW`].
+const MOST: u32 = FAST + 40;
 
 /// A point of a segment at which a model has a value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Root {
-    /// Where: 0 at the start, 1 at the end.
-    pub along: f64,
+    /// Where: 0 at the start, 1 at the end; `None` where the values at these are not of different signs, or one between is no
+    /// number.
+    pub along: Option<f64>,
     /// Evaluations of the model, those at the ends not counted.
     pub evaluations: u32,
 }
 
-/// The root of f − iso from `start` to `end`, where it has the `values`; `None` where these are not of different signs, or
-/// a value between is no number.
-pub fn root_on_segment(
-    tree: &Tree,
-    iso: f64,
-    [start, end]: [DVec3; 2],
-    values: [f64; 2],
-    finder: RootFinder,
-) -> Option<Root> {
+/// The root of f − iso from `start` to `end`, where it has the `values`, or a place at which it jumps past 0: but for
+/// [`RootFinder::Linear`] within 10⁻¹² of the segment.
+pub fn root_on_segment(tree: &Tree, iso: f64, [start, end]: [DVec3; 2], values: [f64; 2], finder: RootFinder) -> Root {
     let [low, high] = values.map(|v| v - iso);
     // One that is exactly 0 counts as outside, as samples do.
     if !(low.is_finite() && high.is_finite()) || (low > 0.0) == (high > 0.0) {
-        return None;
+        return Root { along: None, evaluations: 0 };
     }
     let at = |t: f64| start + (end - start) * t;
     let secant = |[a, b]: [f64; 2], [fa, fb]: [f64; 2]| a + (b - a) * (fa / (fa - fb));
@@ -64,12 +61,12 @@ pub fn root_on_segment(
     let mut t = secant(ends, signed).clamp(0.0, 1.0);
     let mut evaluations = 0;
     if finder == RootFinder::Linear {
-        return Some(Root { along: t, evaluations });
+        return Root { along: Some(t), evaluations };
     }
     // Which end stayed last.
     let mut stayed = None;
     let mut before = 1.0;
-    while evaluations < MOST as u32 {
+    loop {
         evaluations += 1;
         let (value, slope) = match finder {
             RootFinder::Newton => {
@@ -79,7 +76,7 @@ pub fn root_on_segment(
             _ => (tree.value(at(t)) - iso, 0.0),
         };
         if !value.is_finite() {
-            return None;
+            return Root { along: None, evaluations };
         }
         if value == 0.0 {
             break;
@@ -97,16 +94,18 @@ pub fn root_on_segment(
             RootFinder::Newton => t - value / slope,
             _ => secant(ends, signed),
         };
-        let is_inside = next > ends[0] && next < ends[1];
-        // Two steps at least halve the bracket or the steps; a slope of 0 gives no number.
-        let is_good = is_inside && (next - t).abs() < 0.5 * before;
-        before = if is_good { (next - t).abs() } else { width };
-        let next = if is_good { next } else { middle };
-        let step = (next - t).abs();
-        t = next;
-        if width < NARROW || step < NARROW {
+        // A slope of 0 gives no number.
+        let is_inside = next >= ends[0] && next <= ends[1];
+        if width <= NARROW || evaluations >= MOST {
+            t = if is_inside { next } else { middle };
             break;
         }
+        // A short step alone says nothing of the root: the field may be flat here, or steep. It is made long enough to pass the
+        // root where that is as near as the step, which ends the bracket; where it is not, halving goes on.
+        let step = (next - t).abs().max(0.5 * NARROW);
+        let is_good = is_inside && step < 0.5 * before && evaluations < FAST;
+        before = if is_good { step } else { width };
+        t = if is_good { t + step.copysign(ends[other] - t) } else { middle };
     }
-    Some(Root { along: t, evaluations })
+    Root { along: Some(t), evaluations }
 }

@@ -19,6 +19,8 @@ pub const BRICK: usize = 8;
 /// What was done, and found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
+    /// Evaluations at points of what pruning left of the tree.
+    pub points: u64,
     /// Evaluations of leaves at points.
     pub leaves: u64,
     /// Bricks.
@@ -367,6 +369,7 @@ impl Slab<'_> {
             }
         }
         let mut values = filler.pool.take(count);
+        filler.counters.points += count as u64;
         filler.fill(plan, plan.root, &points, &mut values);
         let mut from = values.iter();
         for z in self.z.clone() {
@@ -406,6 +409,7 @@ impl Tree {
         });
         let all: Vec<Counters> = slabs.collect();
         let mut sum = all.iter().fold(Counters::default(), |a, b| Counters {
+            points: a.points + b.points,
             leaves: a.leaves + b.leaves,
             bricks: a.bricks + b.bricks,
             filled: a.filled + b.filled,

@@ -192,30 +192,35 @@ impl Tree {
 
     /// The box outside of which the root is 0, as far as it is known; infinite where it is not.
     pub fn support(&self) -> Bounds {
-        self.support_of(self.root())
+        self.support_of(self.root(), false)
     }
 
-    fn support_of(&self, node: u32) -> Bounds {
+    /// The box outside of which nothing is solid, as far as it is known; infinite where it is not.
+    pub fn body(&self) -> Bounds {
+        self.support_of(self.root(), true)
+    }
+
+    fn support_of(&self, node: u32, of_body: bool) -> Bounds {
         let Flat { op, of } = &self.nodes[node as usize];
         let around = |a: Bounds, b: Bounds| Bounds { min: a.min.min(b.min), max: a.max.max(b.max) };
         let all = Bounds { min: DVec3::NEG_INFINITY, max: DVec3::INFINITY };
         match op {
-            Op::Leaf(leaf) => leaf.support(),
+            Op::Leaf(leaf) => leaf.support(of_body),
             Op::Complement(_) => all,
             Op::Offset(by) => {
-                let inner = self.support_of(of[0]);
+                let inner = self.support_of(of[0], of_body);
                 Bounds { min: inner.min - by.max(0.0), max: inner.max + by.max(0.0) }
             }
             Op::Shell(_, thickness) => {
-                let inner = self.support_of(of[0]);
+                let inner = self.support_of(of[0], of_body);
                 Bounds { min: inner.min - 0.5 * thickness, max: inner.max + 0.5 * thickness }
             }
             Op::Intersection | Op::SmoothIntersection(_) => of
                 .iter()
-                .map(|&c| self.support_of(c))
+                .map(|&c| self.support_of(c, of_body))
                 .fold(all, |a, b| Bounds { min: a.min.max(b.min), max: a.max.min(b.max) }),
-            Op::Warp(warp) => forward_box(warp, self.support_of(of[0])),
-            _ => of.iter().map(|&c| self.support_of(c)).fold(Bounds::EMPTY, around),
+            Op::Warp(warp) => forward_box(warp, self.support_of(of[0], of_body)),
+            _ => of.iter().map(|&c| self.support_of(c, of_body)).fold(Bounds::EMPTY, around),
         }
     }
 

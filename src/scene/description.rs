@@ -142,6 +142,7 @@ mod tests;
 pub use body::BodyDescription;
 pub use material::Albedo;
 pub use media::{FieldDescription, MediumDescription};
+pub(crate) use model::files_of_nodes;
 pub use model::{Files, ModelDescription, Size};
 pub use settings::{BakeDescription, CameraDescription, ProbeDescription, TextureSize};
 pub use surroundings::{ReadFile, Surroundings, WallDescription, WallShape};

@@ -36,10 +36,12 @@ pub use material::{EmissionRule, MaterialRule, Table};
 pub use member::{Front, Member, VolumeOptions};
 #[doc(hidden)]
 pub use member::{NamedIsovalue, check_count, missing_store};
+pub(crate) use model::sample_and_count;
 #[doc(hidden)]
 pub use model::{ModelName, describe, sample};
 #[doc(hidden)]
 pub use names::nearest;
+pub(crate) use open::files_of;
 pub use open::{DARK, Scene, SceneFile, distant_light};
 #[doc(hidden)]
 pub use plan::{BodyForecast, MediumForecast, Pilot, PlanInput, Surrounded, plan};

@@ -1,14 +1,15 @@
 //! Models in TOML as volumes: `model.toml` and `model.toml:128` wherever a volume is named.
 
-use super::description::{Files, ModelDescription, Size};
+use super::description::{Files, ModelDescription, Size, files_of_nodes};
 use super::geometry::{TriangleMesh, read_mesh};
 use crate::error::{Error, Result};
 use crate::file::{self, Beside};
 use crate::geom::Affine;
-use crate::model::Tree;
+use crate::model::{Counters, Tree};
+use crate::quantity::bytes;
 use crate::volume::{Choice, ModelText, Note, ReadHint, Samples, Solid, Volume, open_with};
 use glam::DVec3;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Longest text of a model: as of a scene.
@@ -72,6 +73,15 @@ impl<'a> ModelName<'a> {
     }
 }
 
+/// The file of a model, and those that it names.
+pub(super) fn files_of_model(name: &ModelName<'_>) -> Vec<PathBuf> {
+    let path = Path::new(name.path);
+    // What cannot be read is refused where it is read.
+    let text = file::read(path, MOST_BYTES).ok().and_then(|bytes| String::from_utf8(bytes).ok()).unwrap_or_default();
+    let named = files_of_nodes(&text).into_iter().map(|file| path.with_file_name(file));
+    [path.to_path_buf()].into_iter().chain(named).collect()
+}
+
 /// A model as a volume.
 pub(super) struct Sampled {
     pub(super) volume: Volume,
@@ -96,9 +106,9 @@ impl Files for BesideModel {
         read_mesh(&bytes, &mut read).map_err(|e| e.in_file(&path))
     }
 
-    fn volume(&mut self, name: &str) -> Result<Volume> {
+    fn volume(&mut self, name: &str, choice: Choice) -> Result<Volume> {
         let path = self.beside.path(name)?;
-        let choice = Choice { allow_outside: self.allow_outside, ..Choice::default() };
+        let choice = Choice { allow_outside: self.allow_outside, ..choice };
         open_with(&path, &ReadHint { choice, ..ReadHint::default() })
     }
 
@@ -133,7 +143,16 @@ fn read(name: &ModelName<'_>, allow_outside: bool) -> Result<(ModelDescription, 
 pub(super) fn open(name: &ModelName<'_>, allow_outside: bool) -> Result<Sampled> {
     let (model, text) = read(name, allow_outside)?;
     let mut volume = sample(&model, name.stem())?;
-    volume.model = (text.len() <= MOST_KEPT).then(|| Arc::new(ModelText { file: file::file_name(name.path), text }));
+    if text.len() > MOST_KEPT {
+        let (length, most) = (bytes(text.len() as f64), bytes(MOST_KEPT as f64));
+        let text = format!(
+            "its text, {length}, is longer than the {most} that stores keep: of a store --exact-vertices will need {}",
+            name.path
+        );
+        volume.notes.push(Note { text, count: 1 });
+    } else {
+        volume.model = Some(Arc::new(ModelText { file: file::file_name(name.path), text }));
+    }
     Ok(Sampled { volume, isovalue: model.isovalue, tree: model.tree })
 }
 
@@ -152,7 +171,7 @@ impl Files for Nowhere {
         Self::refuse(name)
     }
 
-    fn volume(&mut self, name: &str) -> Result<Volume> {
+    fn volume(&mut self, name: &str, _: Choice) -> Result<Volume> {
         Self::refuse(name)
     }
 
@@ -169,7 +188,15 @@ const FROM_MODEL: &str = "give the model.toml itself, or bake it with --exact-ve
 /// # Errors
 /// When it is samples of none, or the text names files.
 pub(super) fn of_store(volume: &Volume) -> Result<Arc<Tree>> {
-    let Some(model) = &volume.model else { return Err(no_model(&volume.name)) };
+    let Some(model) = &volume.model else {
+        let expected = "a store with the text of a model";
+        return Err(Error::argument(
+            "--exact-vertices",
+            &volume.name,
+            expected,
+            format!("leave it out; of a model {FROM_MODEL}"),
+        ));
+    };
     let size = Some(Size::Exactly(volume.dims()));
     Ok(ModelDescription::read(&model.text, &model.file, size, &mut Nowhere)?.tree)
 }
@@ -185,6 +212,11 @@ pub(super) fn no_model(name: &str) -> Error {
 /// # Errors
 /// When memory does not suffice, or a value is beyond what samples can be.
 pub fn sample(model: &ModelDescription, name: String) -> Result<Volume> {
+    Ok(sample_and_count(model, name)?.0)
+}
+
+/// The same, and what it took.
+pub(crate) fn sample_and_count(model: &ModelDescription, name: String) -> Result<(Volume, Counters)> {
     let dims = model.dims;
     let count = dims.iter().try_fold(1usize, |n, &d| n.checked_mul(d));
     let mut values: Vec<f32> = Vec::new();
@@ -218,12 +250,28 @@ pub fn sample(model: &ModelDescription, name: String) -> Result<Volume> {
             format!("{} values of the model are missing (NaN) and take the least of the others", counters.mended);
         volume.notes.push(Note { text, count: counters.mended });
     }
-    Ok(volume)
+    Ok((volume, counters))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_text_that_no_store_keeps_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("m.toml");
+        let text = "[model]\nbounds = [[-1, -1, -1], [1, 1, 1]]\n[model.point.a]\ncentre = [0, 0, 0]\nradius = 1\n";
+        for (length, is_kept) in [(0, true), (MOST_KEPT, false)] {
+            std::fs::write(&path, format!("{text}# {}\n", "-".repeat(length))).unwrap();
+            let name = format!("{}:4", path.display());
+            let volume = open(&ModelName::of(&name).unwrap(), false).unwrap().volume;
+            assert_eq!(volume.model.is_some(), is_kept);
+            assert_eq!(volume.notes.iter().any(|note| note.text.contains("longer than")), !is_kept);
+            let told = of_store(&volume).map(|_| ()).map_err(|e| e.to_string());
+            assert!(is_kept && told.is_ok() || told.is_err_and(|e| e.contains("model.toml itself")));
+        }
+    }
 
     #[test]
     fn names_of_models_are_taken_apart() {

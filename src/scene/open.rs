@@ -3,7 +3,7 @@
 use super::geometry::{Among, DistantLight, Geometry, Partner, TriangleMesh};
 use super::medium::{Body, Medium, MediumField};
 use super::member::{AmongOthers, nearest_beside};
-use super::model::ModelName;
+use super::model::{ModelName, files_of_model};
 use super::{
     Coupled, Coupling, Effects, FieldDescription, Located, Member, SceneDescription, VolumeDescription, VolumeOptions,
     WallShape, nearest,
@@ -39,6 +39,8 @@ pub struct SceneFile {
     /// What the file says.
     pub description: SceneDescription,
     folder: PathBuf,
+    // Taken before the file was read.
+    stamp: Option<String>,
 }
 
 impl Scene {
@@ -181,6 +183,7 @@ impl SceneFile {
     /// # Errors
     /// When there is none, it is no description of a scene, or the environment that it names is not there.
     pub fn read(path: &str) -> Result<Self> {
+        let stamp = file::stamp(path);
         let text = read_text(path).map_err(|error| {
             let Error::Io { source: e, .. } = &error else { return error };
             let near = nearest_beside(path, |name| name.ends_with(".toml"));
@@ -196,7 +199,7 @@ impl SceneFile {
             }
         })?;
         let folder = Path::new(path).parent().map(Path::to_path_buf).unwrap_or_default();
-        let file = Self { description: SceneDescription::parse(&text, path)?, folder };
+        let file = Self { description: SceneDescription::parse(&text, path)?, folder, stamp };
         if let Some(probe) = file.description.probe.as_ref().filter(|p| p.is_file) {
             let place = file.folder.join(&probe.name.value);
             if !place.exists() {
@@ -214,7 +217,7 @@ impl SceneFile {
     /// As [`SceneDescription::parse`].
     #[doc(hidden)]
     pub fn from_text(text: &str, name: &str) -> Result<Self> {
-        Ok(Self { description: SceneDescription::parse(text, name)?, folder: PathBuf::new() })
+        Ok(Self { description: SceneDescription::parse(text, name)?, folder: PathBuf::new(), stamp: None })
     }
 
     /// Opens its volumes, with what stands around them and is not switched off.
@@ -403,7 +406,12 @@ impl SceneFile {
         self.description.bake.bands.iter().map(|&b| b as u8).collect()
     }
 
-    /// All files that it names.
+    /// The [`file::stamp`] of the file as it was before it was read.
+    pub(crate) fn stamp(&self) -> Option<String> {
+        self.stamp.clone()
+    }
+
+    /// All files that it names, and those that models among them name.
     #[doc(hidden)]
     pub fn files(&self) -> Vec<PathBuf> {
         let description = &self.description;
@@ -420,9 +428,21 @@ impl SceneFile {
             _ => None,
         });
         let named = volumes.chain(walls).chain(of_media).chain(probe).chain(fixed).chain([&description.volume.value]);
-        let of_model = |name: &'_ String| ModelName::of(name).map_or(name.as_str(), |model| model.path).to_string();
-        named.map(|name| self.folder.join(of_model(name))).collect()
+        let in_folder = named.map(|name| self.folder.join(name));
+        let files = in_folder.flat_map(|path| match ModelName::of(&path.to_string_lossy()) {
+            Some(model) => files_of_model(&model),
+            None => vec![path],
+        });
+        files.collect()
     }
+}
+
+/// What an argument that may be a path is read from: it, and of a scene or a model the files that it names.
+pub(crate) fn files_of(name: &str) -> Vec<PathBuf> {
+    let Some(model) = ModelName::of(name) else { return vec![name.into()] };
+    // What cannot be read is refused where it is read.
+    let scene = SceneFile::read(model.path).map(|scene| scene.files()).unwrap_or_default();
+    files_of_model(&model).into_iter().chain(scene).collect()
 }
 
 /// An environment that is fixed before the bake, as it stands in the world.

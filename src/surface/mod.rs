@@ -116,6 +116,11 @@ pub fn extract(volume: &Volume, isovalue: f64) -> Result<Mesh> {
 /// # Errors
 /// As [`extract`]; when the volume has no cells.
 pub fn isosurface(volume: &Volume, pyramid: &Pyramid, isovalue: f64) -> Result<Mesh> {
+    Ok(isosurface_and_count(volume, pyramid, isovalue)?.0)
+}
+
+/// The same, and how often its model was evaluated for it.
+pub(crate) fn isosurface_and_count(volume: &Volume, pyramid: &Pyramid, isovalue: f64) -> Result<(Mesh, u64)> {
     volume.check_cells()?;
     let mesh = with_samples!(volume.samples(), s => {
         let field = LevelField::new(volume, s, pyramid);
@@ -123,12 +128,12 @@ pub fn isosurface(volume: &Volume, pyramid: &Pyramid, isovalue: f64) -> Result<M
             field.normal(&field.locate(position.map(f64::from))).map_or([0.0; 3], |n| n.vec().to_array())
         })
     });
-    let mut mesh = mesh?;
+    let (mut mesh, mut evaluations) = (mesh?, 0);
     if let Some(model) = &volume.exact {
         let longest = volume.dims().into_iter().max().unwrap_or(0);
-        on_model::onto_model(&mut mesh, volume, model, isovalue, fill::least_parameter(longest));
+        evaluations = on_model::onto_model(&mut mesh, volume, model, isovalue, fill::least_parameter(longest));
     }
-    Ok(mesh.in_morton_order())
+    Ok((mesh.in_morton_order(), evaluations))
 }
 
 /// As [`extract`], without normals: [`Mesh::normals`] is empty. For counting, measuring, and normals made elsewhere.

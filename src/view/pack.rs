@@ -84,6 +84,15 @@ pub struct Options {
     pub coding: Coding,
 }
 
+impl Options {
+    /// What a page takes that is served, or written into one file; with other sides where they are given.
+    pub fn new(in_one_file: bool, texture_side: Option<u32>, volume_side: Option<u32>) -> Self {
+        let (texture, volume, coding) = if in_one_file { (96, 160, Coding::Byte) } else { (256, 512, Coding::Half) };
+        let side = |given: Option<u32>, usual| given.map_or(usual, |n| n as usize);
+        Self { texture_side: side(texture_side, texture), volume_side: side(volume_side, volume), coding }
+    }
+}
+
 /// Data of the page.
 pub struct Package {
     /// What the payload is, and everything that is not numbers.

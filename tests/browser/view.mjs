@@ -408,9 +408,9 @@ await watched();
 
 /** A model that is saved is shown again from the same side; while it is broken, what was shown stays, with the reason. */
 async function watched() {
-  const model = (radius) => `[model]\nbounds = [[-1, -1, -1], [1, 1, 1]]\nsamples = 16\n[model.point.p]\ncentre = [0, 0, 0]\nradius = ${radius}\n`;
+  const model = (radius, turn = 0) => `[probe]\nname = "courtyard"\nrotation = ${turn}\n[[luminaires]]\nshape = "point"\nposition = [3, 3, 3]\npower = 100\n[model]\nbounds = [[-1, -1, -1], [1, 1, 1]]\nsamples = 16\n[model.point.p]\ncentre = [0, 0, 0]\nradius = ${radius}\n`;
   const file = join(out, "watched.toml");
-  const save = (radius) => writeFileSync(file, model(radius));
+  const save = (radius, turn) => writeFileSync(file, model(radius, turn));
   save("1");
   const server = await serve(file, "--watch", "--layers", "1", "--rays", "4");
   const page = await open(server.address);
@@ -424,7 +424,7 @@ async function watched() {
   await page.evaluate(() => window.isolume.update({ azimuth: 77 }));
   const before = await covered();
   save('"wide"');
-  await page.waitForFunction(() => /watched\.toml:6/.test(document.getElementById("message").textContent), null, { timeout: 60_000 });
+  await page.waitForFunction(() => /watched\.toml:13/.test(document.getElementById("message").textContent), null, { timeout: 60_000 });
   check(await covered() === before, "a broken model keeps what was shown, and its line is told");
   await page.screenshot({ path: join(out, "watched-broken.png") });
   save("0.6");
@@ -434,7 +434,33 @@ async function watched() {
   check(state.azimuth === 77 && state.hidden, "a saved model is shown from the same side, without the message");
   check(after > 0 && after < 0.6 * before, `the model is as it was saved: ${after} pixels after ${before}`);
   await page.screenshot({ path: join(out, "watched.png") });
+  // What the file says anew holds; what was changed on the page stays, and nowhere else.
+  save("0.6", 90);
+  await page.waitForFunction(() => window.isolume?.header.watched === 2, null, { timeout: 60_000 });
+  const turned = await page.evaluate(() => ({ ...window.isolume.state, stored: sessionStorage.length }));
+  check(turned.rotation === 90 && turned.azimuth === 77 && turned.stored === 0, `the light is turned by the file (${turned.rotation}°)`);
   await page.close();
+  // Neither a request that fails nor a page that cannot start is the end, and none loads itself without need.
+  const other = await browser.newPage({ viewport: { width: 800, height: 600 } });
+  let loads = 0;
+  other.on("load", () => loads++);
+  const says = (pattern) => other.waitForFunction((p) => new RegExp(p).test(document.getElementById("message").textContent), pattern, { timeout: 60_000 });
+  await other.goto(server.address);
+  await other.waitForFunction(() => window.isolume?.header.watched === 2, null, { timeout: 60_000 });
+  await other.route("**/watched.json", (route) => route.abort());
+  await says("does not answer");
+  await other.unroute("**/watched.json");
+  await says("^$");
+  await other.route("**/payload.bin", (route) => route.fulfill({ body: "" }));
+  await other.reload();
+  await says("."); // why it cannot start
+  await other.waitForTimeout(2500);
+  check(loads === 2, `a page that cannot start waits (${loads} loads)`);
+  await other.unroute("**/payload.bin");
+  save("0.8");
+  await other.waitForFunction(() => window.isolume?.header.watched === 3, null, { timeout: 60_000 });
+  check(loads === 3, "what it waited for is shown");
+  await other.close();
   server.end();
 }
 

@@ -447,7 +447,7 @@ impl Files for BesideModel {
         read_mesh(&seeds::stl().swap_remove(0).1, &mut |_, _| Ok(Vec::new()))
     }
 
-    fn volume(&mut self, _: &str) -> isolume::Result<Volume> {
+    fn volume(&mut self, _: &str, _: isolume::volume::Choice) -> isolume::Result<Volume> {
         let samples = Samples::U8((0..27).map(|i| 9 * i).collect());
         Volume::new([3; 3], samples, Affine::from_spacing(DVec3::splat(0.5), DVec3::splat(-0.5)).expect("a map"))
     }

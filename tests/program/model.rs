@@ -57,6 +57,24 @@ fn a_model_goes_out_as_stl_and_comes_back_as_its_distance() {
 }
 
 #[test]
+fn outputs_are_not_what_a_model_reads() {
+    let bench = Bench::new();
+    let bounds = "[model]\nbounds = [[-1, -1, -1], [1, 1, 1]]\n";
+    bench.write("m.toml", format!("{bounds}[model.point.a]\ncentre = [0, 0, 0]\nsurface_radius = 0.5\n"));
+    bench.run("relight m.toml:16 --isovalue auto --env sky --rays 4 --cache c -o part.stl");
+    let part = bench.bytes("part.stl");
+    bench.write("d.toml", format!("{bounds}isovalue = 0\n[model.mesh.a]\nfile = \"part.stl\"\n"));
+    bench.write("s.toml", "volume = \"d.toml:16\"\n[probe]\nname = \"sky\"\n");
+    for line in ["relight d.toml", "relight d.toml:16", "relight ./d.toml:9x9x9", "relight s.toml"] {
+        let text = bench.refuses(&format!("{line} --isovalue 0 --env sky --rays 4 --cache c -o part.stl"));
+        assert!(text.contains("which is the input") && text.contains("part.stl"), "{line}: {text}");
+        assert!(bench.bytes("part.stl") == part, "{line}");
+    }
+    let text = bench.refuses("view d.toml:16 --cache c --html part.stl");
+    assert!(text.contains("part.stl") && bench.bytes("part.stl") == part, "{text}");
+}
+
+#[test]
 fn mistakes_name_their_line() {
     let bench = Bench::new();
     bench.write("m.toml", MODEL);
@@ -152,6 +170,12 @@ fn exact_vertices_lie_on_the_model() {
         assert!(message.contains(named) && message.contains("--exact-vertices"), "{line}: {message}");
     }
     bench.run("relight files.toml --isovalue 0.5 --env sky --rays 4 --exact-vertices --cache c -o f.ply");
+    // Of several isovalues none is added where one is refused: the store goes on as it began.
+    bench.run("bake m.toml --isovalues 0.6 --rays 4 -o both.isolume");
+    let message = bench.refuses("bake m.toml --isovalues 0.5,0.6 --rays 4 --exact-vertices -o both.isolume");
+    assert!(message.contains("leave out --exact-vertices") || message.contains("on its samples"), "{message}");
+    bench.run("bake m.toml --isovalues 0.5,0.6 --rays 4 -o both.isolume");
+    bench.run("verify both.isolume");
 }
 
 #[test]

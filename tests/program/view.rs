@@ -127,6 +127,32 @@ fn a_watched_model_is_shown_again_when_it_is_saved() {
     assert!(bench.refuses("view bumpbox:8 --watch").contains("model.toml"));
 }
 
+/// What the file says of the bake holds as it stands now, not as it stood when the program began.
+#[test]
+fn a_watched_scene_is_baked_as_it_says_now() {
+    let text = |layers: u32| {
+        format!(
+            "[bake]\nrays = 4\nlayers = {layers}\n[model]\nbounds = [[-1, -1, -1], [1, 1, 1]]\nsamples = 12\n\
+             [model.point.p]\ncentre = [0, 0, 0]\nradius = 1\n"
+        )
+    };
+    let bench = Bench::new();
+    bench.write("m.toml", text(1));
+    let (mut served, address, path) = served_by(&bench, "view m.toml --watch --cache c -q");
+    let json = |name: &str| -> serde_json::Value {
+        let body = ask(&address, &format!("GET {path}{name} HTTP/1.1\r\nHost: {address}"), b"").1;
+        serde_json::from_slice(&body).expect("JSON")
+    };
+    let layers = || json("header.json")["texture"]["bands"].as_array().map(Vec::len);
+    assert_eq!(layers(), Some(1));
+    bench.write("m.toml", text(3));
+    while json("watched.json")["revision"] != 1 {
+        assert!(json("watched.json")["message"].is_null() && served.0.try_wait().expect("its state").is_none());
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    assert_eq!(layers(), Some(3));
+}
+
 #[test]
 fn only_who_has_the_address_may_ask() {
     let bench = baked();

@@ -112,7 +112,7 @@ impl Compare {
         check_store(&self.input)?;
         let file = self.scene.as_deref().map(SceneFile::read).transpose()?;
         let read = self.env.iter().chain([&self.input]).chain(&self.scene);
-        self.pictures.refuse(&Inputs::new(read).with(file.iter().flat_map(SceneFile::files)))?;
+        self.pictures.refuse(&Inputs::new(read))?;
         let store = Store::open(&self.input)?;
         let mut scene = file.map(|f| f.open(&VolumeOptions::default(), &Effects::default())).transpose()?;
         if let Some(name) = &self.fixed_env {

@@ -92,8 +92,7 @@ impl Relight {
             return Err(Error::argument("--scale", scale, "a positive number", "give metres to a world unit").into());
         }
         let scene = self.scene.as_ref();
-        let inputs =
-            Inputs::new(self.env.iter().chain([&self.input])).with(scene.into_iter().flat_map(SceneFile::files));
+        let inputs = Inputs::new(self.env.iter().chain([&self.input]));
         self.output.iter().try_for_each(|output| inputs.refuse(output))?;
         // Whatever can be wrong is refused before the bake, which may take minutes.
         let material = self.material.choice();

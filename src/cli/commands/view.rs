@@ -17,9 +17,10 @@ use crate::scene::{ModelName, NamedIsovalue, SceneFile, TextureSize, open_probe}
 use crate::transfer::store::{Store, check_store, is_store};
 use crate::view::page::page_in_one_file;
 use crate::view::server::{Server, Watched};
-use crate::view::{Coding, Options, Package, package_of, page_probes};
+use crate::view::{Options, Package, package_of, page_probes};
 use crate::volume::Isovalue;
 use serde_json::json;
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -90,19 +91,23 @@ pub(in crate::cli) struct View {
     all_isovalues: bool,
     #[arg(skip)]
     pub(in crate::cli) scene: Option<SceneFile>,
+    #[arg(skip)]
+    pub(in crate::cli) again: Option<(Vec<OsString>, ViewOf)>,
 }
+
+/// What reads a line again, once its scene says other options.
+pub(in crate::cli) type ViewOf = fn(Vec<OsString>) -> Outcome<Box<View>>;
 
 impl View {
     pub(in crate::cli) fn run(&self, seed: u64, console: &Console) -> Outcome {
         if let Some(path) = &self.html {
             check_file(path)?;
-            Inputs::new(self.env.iter().chain([&self.input]))
-                .with(self.scene.iter().flat_map(SceneFile::files))
-                .refuse(path)?;
+            Inputs::new(self.env.iter().chain([&self.input])).refuse(path)?;
         }
         // What cannot be read is refused before a bake, which may take minutes.
         self.env.iter().try_for_each(|name| self.open_probe(name).map(drop))?;
-        let watched = if self.watch { Some(Watched::new(ModelName::asked(&self.input)?.path)) } else { None };
+        let stamp = self.scene.as_ref().and_then(SceneFile::stamp);
+        let watched = if self.watch { Some(Watched::new(ModelName::asked(&self.input)?.path, stamp)) } else { None };
         let package = self.made(seed, console)?;
         match &self.html {
             Some(path) => write_page(path, &package, console),
@@ -117,9 +122,8 @@ impl View {
 
     /// What a watched file has become; a message where it cannot be shown.
     fn made_again(&self, seed: u64, console: &Console) -> Outcome<Result<Package, String>> {
-        let scene = self.scene.as_ref().map(|_| SceneFile::read(&self.input)).transpose();
-        let made = scene.map_err(Failure::from).and_then(|scene| Self { scene, ..self.clone() }.made(seed, console));
-        match made {
+        let again = self.again.as_ref().map(|(line, parse)| parse(line.clone())).transpose();
+        match again.and_then(|view| view.as_deref().unwrap_or(self).made(seed, console)) {
             Err(Failure::Library(stopped @ Error::Stopped { .. })) => Err(stopped.into()),
             made => Ok(made.map_err(|failure| failure.to_string()).inspect_err(|message| console.note(message))),
         }
@@ -167,9 +171,8 @@ impl View {
             last = Some(filled);
         }
         cache.tidy(&note);
-        let Some(Filled { store, in_use, .. }) = last else {
-            return Err(Failure::Message("a scene without volumes".into()));
-        };
+        let without = || Failure::Message("a scene without volumes".into());
+        let Filled { store, in_use, .. } = last.ok_or_else(without)?;
         // Of several volumes the last one was filled last.
         let store = if scene.members().len() > 1 { Store::open(store.path())? } else { store };
         Ok((self.choose(store, console)?, own, Some(in_use)))
@@ -208,12 +211,7 @@ impl View {
     fn package(&self, store: &Store, own: Option<f64>, console: &Console) -> Outcome<Package> {
         let given = self.env.iter().map(|name| self.open_probe(name)).collect::<Result<Vec<_>, _>>()?;
         let probes = page_probes(given, store)?;
-        let one_file = self.html.is_some();
-        let options = Options {
-            texture_side: self.texture_side.map_or(if one_file { 96 } else { 256 }, |n| n as usize),
-            volume_side: self.volume_side.map_or(if one_file { 160 } else { 512 }, |n| n as usize),
-            coding: if one_file { Coding::Byte } else { Coding::Half },
-        };
+        let options = Options::new(self.html.is_some(), self.texture_side, self.volume_side);
         let rotation = self.scene.as_ref().and_then(|file| file.description.probe.as_ref()?.rotation);
         let package =
             package_of(store, &probes, ((self.isovalue, own), rotation.unwrap_or(0.0), self.partial), &options)?;
@@ -253,12 +251,10 @@ fn write_page(path: &std::path::Path, package: &Package, console: &Console) -> O
 
 /// Asks the system for its browser; where there is none, the address on the terminal has to do.
 fn open_browser(address: &str, console: &Console) {
-    let program = if cfg!(target_os = "macos") {
-        "open"
-    } else if cfg!(windows) {
-        "explorer"
-    } else {
-        "xdg-open"
+    let program = match std::env::consts::OS {
+        "macos" => "open",
+        "windows" => "explorer",
+        _ => "xdg-open",
     };
     if let Err(error) = std::process::Command::new(program).arg(address).spawn() {
         console.note(format!("{program} did not start ({error}): open the address by hand"));

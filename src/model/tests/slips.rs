@@ -236,10 +236,9 @@ fn slip_vertices_of_edges_start_at_the_corner_of_the_first_value() {
     let line = tree(Node::leaf(Leaf::Formula(Formula::parse("0.9 - 0.5*x", &[]).unwrap().into())));
     let values = [0.9, 0.4];
     for finder in RootFinder::ALL {
-        let root = root_on_segment(&line, 0.5, [DVec3::ZERO, DVec3::X], values, finder).unwrap();
-        near(root.along, 0.8, 1e-12);
-        let turned = root_on_segment(&line, 0.5, [DVec3::X, DVec3::ZERO], [0.4, 0.9], finder).unwrap();
-        near(turned.along, 0.2, 1e-12);
+        let along = |ends, values| root_on_segment(&line, 0.5, ends, values, finder).along.unwrap();
+        near(along([DVec3::ZERO, DVec3::X], values), 0.8, 1e-12);
+        near(along([DVec3::X, DVec3::ZERO], [0.4, 0.9]), 0.2, 1e-12);
     }
 }
 

@@ -6,6 +6,7 @@ use crate::grid3;
 use crate::model::sample::coordinates;
 use crate::model::{RootFinder, Tree, root_on_segment};
 use crate::surface::{edge_corners, face_corners, triangles_of_cell};
+use crate::volume::Volume;
 use glam::DVec3;
 use std::collections::{HashMap, HashSet, VecDeque};
 
@@ -18,13 +19,37 @@ const SEARCHED: usize = 4;
 const TETRAHEDRA: [[usize; 4]; 6] =
     [[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]];
 
+/// Which side of the isovalue is solid, by the values that samples have: the same cells are crossed as of the volume.
+#[derive(Clone, Copy, Debug)]
+pub struct Sides {
+    /// The isovalue.
+    pub iso: f64,
+    /// 1 where what is above is solid, −1 where what is below is.
+    pub sign: f64,
+    /// What samples have in the place of values that are no numbers.
+    pub missing: f32,
+}
+
+impl Sides {
+    /// Of the isosurface of a volume that is samples of a model.
+    pub fn new(volume: &Volume, iso: f64) -> Self {
+        Self { iso, sign: f64::from(volume.solid_sign()), missing: volume.value_range().0 as f32 }
+    }
+
+    /// Positive in the solid.
+    fn of(&self, value: f64) -> f64 {
+        let sample = Some(value as f32).filter(|v| v.is_finite()).unwrap_or(self.missing);
+        self.sign * (f64::from(sample) - self.iso)
+    }
+}
+
 /// A surface as it grows.
 pub struct Continuation<'a> {
     tree: &'a Tree,
-    iso: f64,
+    sides: Sides,
     dims: [usize; 3],
     along: [Vec<f64>; 3],
-    // f − iso at corners, from values as samples have them, so that the same cells are crossed as of the volume.
+    // f at corners.
     values: HashMap<u64, f64>,
     vertices: HashMap<(u64, u8), u32>,
     /// What came of it.
@@ -50,9 +75,9 @@ pub struct Found {
 
 impl<'a> Continuation<'a> {
     /// Of a model, on the grid of its samples.
-    pub fn new(tree: &'a Tree, bounds: &Bounds, dims: [usize; 3], iso: f64) -> Self {
+    pub fn new(tree: &'a Tree, bounds: &Bounds, dims: [usize; 3], sides: Sides) -> Self {
         let along = coordinates(bounds, dims);
-        Self { tree, iso, dims, along, values: HashMap::new(), vertices: HashMap::new(), found: Found::default() }
+        Self { tree, sides, dims, along, values: HashMap::new(), vertices: HashMap::new(), found: Found::default() }
     }
 
     fn place(&self, corner: [usize; 3]) -> DVec3 {
@@ -69,9 +94,15 @@ impl<'a> Continuation<'a> {
             return known;
         }
         self.found.evaluations += 1;
-        let value = f64::from(self.tree.value(self.place(corner)) as f32) - self.iso;
+        let value = self.tree.value(self.place(corner));
         self.values.insert(key, value);
         value
+    }
+
+    /// Positive in the solid.
+    fn side(&mut self, corner: [usize; 3]) -> f64 {
+        let value = self.value(corner);
+        self.sides.of(value)
     }
 
     /// Walks along the rows of the grid through a place in world, both ways along each axis, to the first cell in which the
@@ -86,11 +117,11 @@ impl<'a> Continuation<'a> {
         for axis in 0..3 {
             for up in [true, false] {
                 let mut here = start;
-                let solid = self.value(here) > 0.0;
+                let solid = self.side(here) > 0.0;
                 while (up && here[axis] + 1 < self.dims[axis]) || (!up && here[axis] > 0) {
                     let before = here;
                     here[axis] = if up { here[axis] + 1 } else { here[axis] - 1 };
-                    if (self.value(here) > 0.0) != solid {
+                    if (self.side(here) > 0.0) != solid {
                         let low: [usize; 3] = std::array::from_fn(|a| here[a].min(before[a]));
                         seeds.push(std::array::from_fn(|a| low[a].min(self.dims[a] - 2)));
                         break;
@@ -116,7 +147,7 @@ impl<'a> Continuation<'a> {
             let [nx, ny, nz] = self.dims;
             for (z, y) in (0..nz).step_by(SEARCHED).flat_map(|z| (0..ny).step_by(SEARCHED).map(move |y| (z, y))) {
                 for x in 1..nx {
-                    if (self.value([x - 1, y, z]) > 0.0) != (self.value([x, y, z]) > 0.0) {
+                    if (self.side([x - 1, y, z]) > 0.0) != (self.side([x, y, z]) > 0.0) {
                         seeds.push([x - 1, y.min(ny - 2), z.min(nz - 2)]);
                     }
                 }
@@ -154,11 +185,11 @@ impl<'a> Continuation<'a> {
         }
     }
 
-    /// Adds the triangles of a cell; its values, where the surface crosses it.
+    /// Adds the triangles of a cell; the values of its corners, positive in the solid, where the surface crosses it.
     pub fn cell(&mut self, cell: [usize; 3], kind: CellKind, finder: RootFinder) -> Option<[f64; 8]> {
         self.found.visited += 1;
         let corner = |k: usize| [0, 1, 2].map(|a| cell[a] + (k >> a & 1));
-        let values: [f64; 8] = std::array::from_fn(|k| self.value(corner(k)));
+        let values: [f64; 8] = std::array::from_fn(|k| self.side(corner(k)));
         if values.iter().all(|v| (*v > 0.0) == (values[0] > 0.0)) {
             return None;
         }
@@ -198,14 +229,17 @@ impl<'a> Continuation<'a> {
             return known;
         }
         let ends = [a, b].map(|corner| self.place(corner));
-        let values = [low + self.iso, high + self.iso];
         let found = match finder {
-            RootFinder::Linear => root_on_segment(self.tree, self.iso, ends, values, finder),
-            _ => root_on_segment(self.tree, self.iso, ends, ends.map(|p| self.tree.value(p)), finder),
+            RootFinder::Linear => None,
+            _ => {
+                let values = [a, b].map(|corner| self.value(corner));
+                let root = root_on_segment(self.tree, self.sides.iso, ends, values, finder);
+                self.found.evaluations += u64::from(root.evaluations);
+                root.along
+            }
         };
-        self.found.evaluations += found.map_or(0, |root| u64::from(root.evaluations));
-        // Where rounding decided that there is a root, it is at the end that was rounded.
-        let along = found.map_or_else(|| (low / (low - high)).clamp(0.0, 1.0), |root| root.along);
+        // Linear between the samples; where rounding alone made a root, it is at the end that was rounded.
+        let along = found.unwrap_or_else(|| (low / (low - high)).clamp(0.0, 1.0));
         let [start, end] = [a, b].map(|corner| DVec3::from_array(corner.map(|v| v as f64)));
         let number = self.found.positions.len() as u32;
         self.found.positions.push(start + (end - start) * along);

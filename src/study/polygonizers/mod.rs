@@ -6,7 +6,7 @@ mod continuation;
 #[cfg(test)]
 mod tests;
 
-pub use continuation::{Continuation, Found};
+pub use continuation::{Continuation, Found, Sides};
 
 use super::Clock;
 use crate::error::Result;
@@ -15,8 +15,8 @@ use crate::geom::Bounds;
 use crate::level::Pyramid;
 use crate::model::{RootFinder, Tree};
 use crate::quantity::{count, number};
-use crate::scene::{ModelDescription, sample};
-use crate::surface::{isosurface, straddling_cells};
+use crate::scene::{ModelDescription, sample_and_count};
+use crate::surface::{isosurface_and_count, straddling_cells};
 use glam::DVec3;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -63,7 +63,7 @@ pub struct PolygonizerRow {
     pub visited: u64,
     /// Crossed cells that it did not find.
     pub missed: u64,
-    /// Evaluations of the model at points.
+    /// Evaluations of the model at points, of what pruning left of it too; with its gradient, one.
     pub evaluations: u64,
     /// Vertices.
     pub vertices: u64,
@@ -117,17 +117,16 @@ pub fn compare_polygonizers(
 ) -> Result<PolygonizerStudy> {
     let (tree, bounds, dims) = (&*model.tree, &model.bounds, model.dims);
     let cells = dims.iter().map(|&n| n as u64 - 1).product();
-    let samples = dims.iter().map(|&n| n as u64).product();
     let mut rows = Vec::new();
     let [start, _] = clock();
-    let mut volume = sample(model, "model".into())?;
+    let (mut volume, counters) = sample_and_count(model, "model".into())?;
     let pyramid = Pyramid::new(&volume);
     let sampled = clock()[0] - start;
     let crossed = straddling_cells(&volume, isovalue).count();
     for roots in [RootFinder::Linear, RootFinder::Newton] {
         volume.exact = (roots == RootFinder::Newton).then(|| Arc::clone(&model.tree));
         let [start, _] = clock();
-        let mesh = isosurface(&volume, &pyramid, isovalue)?;
+        let (mesh, evaluations) = isosurface_and_count(&volume, &pyramid, isovalue)?;
         let seconds = sampled + clock()[0] - start;
         let positions: Vec<DVec3> =
             mesh.positions_in_grid.iter().map(|p| DVec3::from_array(p.map(f64::from))).collect();
@@ -137,7 +136,7 @@ pub fn compare_polygonizers(
             roots,
             visited: cells,
             missed: 0,
-            evaluations: samples,
+            evaluations: counters.points + evaluations,
             vertices: positions.len() as u64,
             triangles: mesh.triangles.len() as u64,
             errors: vertex_errors(tree, bounds, dims, isovalue, &positions),
@@ -149,7 +148,7 @@ pub fn compare_polygonizers(
         for roots in RootFinder::ALL {
             note(&format!("continuation by {}, {}", kind.name(), roots.name()));
             let [start, _] = clock();
-            let mut surface = Continuation::new(tree, bounds, dims, isovalue);
+            let mut surface = Continuation::new(tree, bounds, dims, Sides::new(&volume, isovalue));
             let seeds = surface.seeds();
             surface.run(seeds, kind, roots);
             let seconds = clock()[0] - start;

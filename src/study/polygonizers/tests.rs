@@ -3,6 +3,8 @@
 use super::*;
 use crate::grid3;
 use crate::model::{Falloff, Leaf, Node, Op, Shape, Skeletal, root_on_segment};
+use crate::scene::sample;
+use crate::volume::Solid;
 use std::collections::{BTreeMap, BTreeSet};
 
 fn point(centre: [f64; 3], reach: f64, weight: f64) -> Node {
@@ -16,13 +18,15 @@ fn sum(of: Vec<Node>) -> Tree {
 
 const BOUNDS: Bounds = Bounds { min: DVec3::splat(-1.5), max: DVec3::splat(1.5) };
 
+const ABOVE: Sides = Sides { iso: 0.5, sign: 1.0, missing: 0.0 };
+
 fn model(tree: Tree, dims: [usize; 3]) -> ModelDescription {
     let tree = Arc::new(tree);
     ModelDescription { tree, bounds: BOUNDS, isovalue: 0.5, dims, notes: Vec::new(), up: None, solid: None }
 }
 
 fn continued(tree: &Tree, dims: [usize; 3], kind: CellKind, roots: RootFinder) -> Found {
-    let mut surface = Continuation::new(tree, &BOUNDS, dims, 0.5);
+    let mut surface = Continuation::new(tree, &BOUNDS, dims, ABOVE);
     let seeds = surface.seeds();
     surface.run(seeds, kind, roots);
     surface.found
@@ -54,7 +58,7 @@ fn continuation_finds_the_triangles_of_a_full_march() {
     let dims = [27, 29, 31];
     for tree in blobs() {
         let found = continued(&tree, dims, CellKind::Cubes, RootFinder::Linear);
-        let mut all = Continuation::new(&tree, &BOUNDS, dims, 0.5);
+        let mut all = Continuation::new(&tree, &BOUNDS, dims, ABOVE);
         for cell in grid3::all(dims.map(|n| n - 1)) {
             all.cell(cell, CellKind::Cubes, RootFinder::Linear);
         }
@@ -123,7 +127,7 @@ fn tetrahedra_are_watertight_and_face_outwards() {
 fn slip_components_are_found_from_all_skeletons_or_by_search() {
     let [_, three] = blobs();
     let dims = [27; 3];
-    let mut one = Continuation::new(&three, &BOUNDS, dims, 0.5);
+    let mut one = Continuation::new(&three, &BOUNDS, dims, ABOVE);
     let seeds = one.seeds();
     one.run(seeds[..1].to_vec(), CellKind::Cubes, RootFinder::Linear);
     let all = continued(&three, dims, CellKind::Cubes, RootFinder::Linear);
@@ -145,8 +149,8 @@ fn errors_of_roots_on_an_edge_are_those_of_the_table() {
         let ends = [0.5 - 0.37 * h, 0.5 + 0.63 * h].map(|x| DVec3::X * x);
         let values = ends.map(|p| tree.value(p));
         let error = |finder| {
-            let root = root_on_segment(&tree, 0.5, ends, values, finder).unwrap();
-            ((root.along - 0.37).abs(), root.evaluations)
+            let root = root_on_segment(&tree, 0.5, ends, values, finder);
+            ((root.along.unwrap() - 0.37).abs(), root.evaluations)
         };
         let (linear, none) = error(RootFinder::Linear);
         assert!((100.0 * linear / percent - 1.0).abs() < 5e-4 && none == 0, "{:.5} %", 100.0 * linear);
@@ -157,6 +161,69 @@ fn errors_of_roots_on_an_edge_are_those_of_the_table() {
     }
 }
 
+/// A short step is no sign of a root: all but one of these are flat, steep or neither on the way to it, and one jumps.
+#[test]
+fn roots_are_found_where_steps_are_short_far_from_them() {
+    let cases = [
+        ("x^20 - 1e-13", 10f64.powf(-13.0 / 20.0)),
+        ("x^40 - 1e-30", 10f64.powf(-30.0 / 40.0)),
+        ("(x - 0.7)^9", 0.7),
+        ("sqrt(x) - 1e-5", 1e-10),
+        ("atan(1e9*(x - 0.3))", 0.3),
+        ("1e-9 - exp(-40*x)", 9.0 * 10f64.ln() / 40.0),
+        ("min(x - 0.6, 1e-14)", 0.6),
+        ("floor(x + 0.75) - 0.5", 0.25),
+        ("x - 0.123", 0.123),
+    ];
+    for (text, exact) in cases {
+        let formula = crate::model::Formula::parse(text, &[]).unwrap();
+        let tree = Tree::new(Node::leaf(Leaf::Formula(formula.into()))).unwrap();
+        for ends in [[DVec3::ZERO, DVec3::X], [DVec3::X, DVec3::ZERO]] {
+            let values = ends.map(|p| tree.value(p));
+            for finder in [RootFinder::RegulaFalsi, RootFinder::Newton] {
+                let root = root_on_segment(&tree, 0.0, ends, values, finder);
+                let at = (ends[0] + (ends[1] - ends[0]) * root.along.unwrap()).x;
+                // Where the value is exactly 0 beside the root the search ends: of (x − 0.7)⁹ nearer than 1e-36 only.
+                assert!((at - exact).abs() <= 1.1e-12, "{text}, {}: {at:e} for {exact:e}", finder.name());
+                assert!(root.evaluations <= 80, "{text}, {}: {} evaluations", finder.name(), root.evaluations);
+            }
+        }
+    }
+}
+
+/// Solid below; values that are missing, which samples fill with the least of the others; both.
+#[test]
+fn sides_are_those_of_the_samples() {
+    let blob = "sqrt(x^2 + y^2 + z^2) - 0.7 + 0.5";
+    let holed = "1.2 - sqrt(x^2 + y^2 + z^2) + 0*sqrt(x + 0.1)";
+    for (text, solid) in [(blob, Solid::Below), (holed, Solid::Above), (holed, Solid::Below)] {
+        let formula = crate::model::Formula::parse(text, &[]).unwrap();
+        let tree = Tree::new(Node::leaf(Leaf::Formula(formula.into()))).unwrap();
+        let model = ModelDescription { solid: Some(solid), ..model(tree, [21, 22, 23]) };
+        let study = compare_polygonizers(&model, 0.5, &|| [0.0; 2], &|_| {}).unwrap();
+        let all = &study.rows[0];
+        for row in &study.rows {
+            assert_eq!(row.missed, 0, "{text}, {solid:?}: {} {}", row.name(), row.cells.name());
+            assert!(row.cells != all.cells || row.triangles == all.triangles, "{text}, {solid:?}");
+        }
+        // Faces look out of the solid.
+        let volume = sample(&model, "m".into()).unwrap();
+        let mut surface = Continuation::new(&model.tree, &BOUNDS, model.dims, Sides::new(&volume, 0.5));
+        let seeds = surface.seeds();
+        surface.run(seeds, CellKind::Tetrahedra, RootFinder::Newton);
+        let found = surface.found;
+        let inwards = found.triangles.iter().filter(|t| {
+            let [a, b, c] = t.map(|v| found.positions[v as usize]);
+            let voxel = BOUNDS.size() / DVec3::from_array(model.dims.map(|n| (n - 1) as f64));
+            let middle = BOUNDS.min + (a + b + c) / 3.0 * voxel;
+            let (_, gradient) = model.tree.value_and_gradient(middle);
+            let turn = (b - a).cross(c - a).dot(gradient * voxel);
+            if solid == Solid::Above { turn > 0.0 } else { turn < 0.0 }
+        });
+        assert_eq!(inwards.count(), 0, "{text}, {solid:?}");
+    }
+}
+
 #[test]
 fn a_study_has_a_row_for_each_and_exact_vertices_are_exact() {
     let [_, three] = blobs();
@@ -164,6 +231,16 @@ fn a_study_has_a_row_for_each_and_exact_vertices_are_exact() {
     let study = compare_polygonizers(&model, 0.5, &|| [0.0; 2], &|_| {}).unwrap();
     assert_eq!(study.rows.len(), 8);
     assert!(study.rows.iter().all(|row| row.missed == 0));
+    // Bricks that are filled take none; on an edge of the grid a vertex takes both ends, a root and a normal.
+    let (samples, exact) = (&study.rows[0], &study.rows[1]);
+    assert!(samples.evaluations > 1000 && samples.evaluations < 25 * 25 * 25, "{}", samples.evaluations);
+    assert!(exact.evaluations - samples.evaluations >= 4 * exact.vertices, "{}", exact.evaluations);
+    for row in &study.rows[2..] {
+        let of_roots =
+            row.evaluations - study.rows.iter().find(|r| r.continues && r.cells == row.cells).unwrap().evaluations;
+        let is_linear = row.roots == RootFinder::Linear;
+        assert!(is_linear && of_roots == 0 || of_roots >= row.vertices && of_roots < 20 * row.vertices, "{of_roots}");
+    }
     for row in &study.rows {
         let most = match (row.roots, row.continues) {
             (RootFinder::Linear, _) => 0.25,

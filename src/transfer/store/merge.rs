@@ -109,6 +109,7 @@ impl Store {
         // A store of an older format is taken over chunk by chunk: writing stamps it anew.
         let identity = other.identity.in_current_format();
         identity.check(&self.identity, other.path(), [other.node(), self.node()])?;
+        self.check_surfaces_of(other)?;
         let is_whole = self.group == Group::Environment;
         for group in self.identity.groups().iter().skip(1).filter(|_| is_whole) {
             // Those first: a chunk counts as there when the environment's is.

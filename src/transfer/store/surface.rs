@@ -231,7 +231,7 @@ impl Store {
     /// # Errors
     /// When it is damaged.
     pub fn surface(&self, isovalue: f64) -> Result<Option<Self>> {
-        let place = format!("{}/{}", self.surfaces_key(), node_of(isovalue));
+        let place = self.place_of(isovalue);
         if self.surface.is_some() || !self.backing.exists(&format!("{place}/zarr.json")) {
             return Ok(None);
         }
@@ -324,67 +324,13 @@ impl Store {
         world_from_grid: &Affine,
         on_model: bool,
     ) -> Result<Self> {
-        if !isovalue.is_finite() {
-            return Err(Error::argument(
-                "isovalue",
-                isovalue,
-                "a finite number",
-                "give one in the range of the volume",
-            ));
-        }
-        if self.surface.is_some() || self.group != Group::Environment {
-            let expected = "the store of a volume";
-            return Err(Error::argument("store", "a surface or a group of a store", expected, "take the store itself"));
-        }
-        check_mesh(mesh).map_err(|(found, expected)| {
-            Error::argument("mesh", found, expected, "extract it with surface::isosurface")
-        })?;
-        let root = self.directory()?.path().to_owned();
-        let place = format!("{}/{}", self.surfaces_key(), node_of(isovalue));
-        let (vertices, triangles) = (mesh.positions_in_grid.len(), mesh.triangles.len());
-        let mark = Mark { isovalue, mesh: hash_of_mesh(mesh), triangles, on_model };
+        self.check_surface(isovalue, mesh)?;
+        let (root, vertices) = (self.directory()?.path().to_owned(), mesh.positions_in_grid.len());
+        let (place, mark) = self.mark_of(isovalue, mesh, on_model);
+        let _adding = if self.packing.is_none() { Some(lock::adding(&root)?) } else { None };
+        self.check_mark(&place, &mark)?;
         if self.packing.is_some() {
-            return match read_mark(&self.backing, &place, &self.identity_hash) {
-                Ok((found, _)) if found == mark => self.open_surface(place, mark, vertices),
-                Ok(_) | Err(Error::Format { .. }) => {
-                    self.check_not_packed()?;
-                    self.open_surface(place, mark, vertices)
-                }
-                Err(other) => Err(other),
-            };
-        }
-        let _adding = lock::adding(&root)?;
-        match read_mark(&self.backing, &place, &self.identity_hash) {
-            Ok((found, _)) if found.on_model != mark.on_model => {
-                let text = |mark: &Mark| if mark.on_model { "on the model" } else { "on its samples" };
-                let same = if mark.on_model { "leave out" } else { "give" };
-                return Err(Error::Mismatch {
-                    path: self.backing.name(&place),
-                    field: "vertices".into(),
-                    stored: text(&found).into(),
-                    asked: text(&mark).into(),
-                    remedy: format!(
-                        "{same} --exact-vertices, give another output with -o, or --force to replace {}",
-                        root.display()
-                    ),
-                });
-            }
-            Ok((found, _)) if found != mark => {
-                let text =
-                    |mark: &Mark| format!("{} triangles, BLAKE3 {}", mark.triangles, zarr::shorten(&json!(mark.mesh)));
-                return Err(Error::Mismatch {
-                    path: self.backing.name(&place),
-                    field: "mesh".into(),
-                    stored: text(&found),
-                    asked: text(&mark),
-                    remedy: format!(
-                        "another version made it: give another output with -o, or --force to replace {}",
-                        root.display()
-                    ),
-                });
-            }
-            Ok(_) | Err(Error::Format { .. } | Error::Limit { .. }) => {}
-            Err(other) => return Err(other),
+            return self.open_surface(place, mark, vertices);
         }
         let layout = Layout { lattice: Lattice::of_vertices(vertices), layers: self.layout.layers.clone() };
         let mut nodes: Vec<(String, Value)> =
@@ -404,6 +350,94 @@ impl Store {
         }
         self.consolidate(nodes)?;
         self.open_surface(place, mark, vertices)
+    }
+
+    /// Refuses what [`Self::open_or_add_surface`] would refuse of one of several surfaces: before the first of them is added, as a
+    /// store that holds some of them on the model and some on its samples takes neither.
+    ///
+    /// # Errors
+    /// As it does.
+    pub(crate) fn check_surfaces<'m>(
+        &self,
+        surfaces: impl IntoIterator<Item = (f64, &'m Mesh)>,
+        on_model: bool,
+    ) -> Result<()> {
+        for (isovalue, mesh) in surfaces {
+            self.check_surface(isovalue, mesh)?;
+            let (place, mark) = self.mark_of(isovalue, mesh, on_model);
+            self.check_mark(&place, &mark)?;
+        }
+        Ok(())
+    }
+
+    /// The same of all surfaces of another store.
+    pub(super) fn check_surfaces_of(&self, other: &Self) -> Result<()> {
+        for isovalue in other.surfaces()? {
+            if let Some(mark) = other.surface(isovalue)?.and_then(|theirs| theirs.surface) {
+                self.check_mark(&self.place_of(isovalue), &mark)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn place_of(&self, isovalue: f64) -> String {
+        format!("{}/{}", self.surfaces_key(), node_of(isovalue))
+    }
+
+    fn mark_of(&self, isovalue: f64, mesh: &Mesh, on_model: bool) -> (String, Mark) {
+        let mark = Mark { isovalue, mesh: hash_of_mesh(mesh), triangles: mesh.triangles.len(), on_model };
+        (self.place_of(isovalue), mark)
+    }
+
+    /// Refuses what is no surface of this store.
+    fn check_surface(&self, isovalue: f64, mesh: &Mesh) -> Result<()> {
+        if !isovalue.is_finite() {
+            return Err(Error::argument(
+                "isovalue",
+                isovalue,
+                "a finite number",
+                "give one in the range of the volume",
+            ));
+        }
+        if self.surface.is_some() || self.group != Group::Environment {
+            let expected = "the store of a volume";
+            return Err(Error::argument("store", "a surface or a group of a store", expected, "take the store itself"));
+        }
+        check_mesh(mesh).map_err(|(found, expected)| {
+            Error::argument("mesh", found, expected, "extract it with surface::isosurface")
+        })
+    }
+
+    /// Refuses a surface where another mesh is there, or where none is and the store is packed.
+    fn check_mark(&self, place: &str, mark: &Mark) -> Result<()> {
+        let found = match read_mark(&self.backing, place, &self.identity_hash) {
+            Ok((found, _)) if found == *mark => return Ok(()),
+            Ok((found, _)) => Some(found),
+            Err(Error::Format { .. } | Error::Limit { .. }) => None,
+            Err(other) => return Err(other),
+        };
+        self.check_not_packed()?;
+        let Some(found) = found else { return Ok(()) };
+        let (root, path) = (self.path().display(), self.backing.name(place));
+        if found.on_model != mark.on_model {
+            let text = |mark: &Mark| if mark.on_model { "on the model" } else { "on its samples" };
+            let same = if mark.on_model { "leave out" } else { "give" };
+            return Err(Error::Mismatch {
+                path,
+                field: "vertices".into(),
+                stored: text(&found).into(),
+                asked: text(mark).into(),
+                remedy: format!("{same} --exact-vertices, give another output with -o, or --force to replace {root}"),
+            });
+        }
+        let text = |mark: &Mark| format!("{} triangles, BLAKE3 {}", mark.triangles, zarr::shorten(&json!(mark.mesh)));
+        Err(Error::Mismatch {
+            path,
+            field: "mesh".into(),
+            stored: text(&found),
+            asked: text(mark),
+            remedy: format!("another version made it: give another output with -o, or --force to replace {root}"),
+        })
     }
 
     /// Writes a file unless it holds these bytes already.

@@ -30,6 +30,7 @@ const state = {
   albedo: 0.7, emission: 0, strength: 1, powers: [], colour: "", mode: "light", background: "theme", layers: [], bands: [], fixedSize: null,
 };
 let header, data, renderer, probes = [];
+let begun = null; // the state that the page began with, of a watched file
 let lightIsStale = true, exposureIsStale = true, isExposed = false, refinement = 0, frameIsDue = false, idleTimer = 0, scale = 1, coarse = false;
 
 /** Changes the state and lets a frame follow. */
@@ -642,21 +643,32 @@ function takeState({ env, colormap, camera, ...rest }) {
 
 /** Asks now and then whether a watched file was saved: shows what it has become from the same side, or why it cannot be shown. */
 async function watch(told = null) {
-  const { revision, message } = await (await request("watched.json")).json();
-  if (revision !== header.watched) {
-    const kept = sharedState();
-    // The file may say another isovalue to begin with.
-    if (kept.isovalue === header.isovalue) delete kept.isovalue;
-    sessionStorage.setItem(location.pathname, JSON.stringify(kept));
-    return location.reload();
+  let message;
+  try {
+    const answer = await (await request("watched.json")).json();
+    if (answer.revision !== header.watched) return showAgain();
+    message = answer.message;
+  } catch (error) {
+    message = `the program does not answer: ${error.message}`; // it may again
   }
   if (message !== told) say(message ?? "");
-  setTimeout(() => watch(message).catch((error) => say(`the program does not answer any more: ${error.message}`)), WATCH);
+  setTimeout(() => watch(message), WATCH);
 }
 
-/** What was shown before a watched file was saved. */
+/** Loads the page anew. What was changed on it stays; the rest is what the file says now. */
+function showAgain() {
+  const changed = (now, before) => Object.fromEntries(Object.entries(now).flatMap(([name, value]) => {
+    if (typeof value === "object") return [[name, changed(value, before[name])]];
+    return value === before[name] ? [] : [[name, value]];
+  }));
+  if (begun) sessionStorage.setItem(location.pathname, JSON.stringify(changed(sharedState(), begun)));
+  location.reload();
+}
+
+/** What was changed before a watched file was saved. */
 function takeStateBefore() {
   const before = sessionStorage.getItem(location.pathname);
+  sessionStorage.removeItem(location.pathname);
   if (before !== null) takeState(JSON.parse(before));
 }
 
@@ -688,6 +700,7 @@ async function start() {
   update({ isovalue: state.isovalue });
   if (host) connectHost();
   if (header.watched !== undefined) {
+    begun = sharedState();
     takeStateBefore();
     watch();
   }
@@ -703,7 +716,7 @@ start().catch((error) => {
   say(error.message);
   $("shown").textContent = "";
   host?.tell("failed", { reason: error.message });
-  // Header and payload of two versions of a watched file do not fit.
-  if (header?.watched !== undefined) setTimeout(() => location.reload(), WATCH);
+  // The next version of a watched file may do; so it is where header and payload are of two versions.
+  if (header?.watched !== undefined) watch();
   throw error;
 });

@@ -84,10 +84,10 @@ pub struct Watched {
 }
 
 impl Watched {
-    /// A file as it stands now: take it before the file is read.
-    pub fn new(path: impl Into<PathBuf>) -> Self {
+    /// A file as it was at a [`file::stamp`], or as it stands now: take either before the file is read.
+    pub fn new(path: impl Into<PathBuf>, stamp: Option<String>) -> Self {
         let path = path.into();
-        Self { stamp: file::stamp(&path), path }
+        Self { stamp: stamp.or_else(|| file::stamp(&path)), path }
     }
 
     /// Waits until the file was saved.

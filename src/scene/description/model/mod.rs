@@ -17,9 +17,10 @@ use crate::model::tree::{DEEPEST, MOST_NODES};
 use crate::model::{Node, Tree};
 use crate::scene::geometry::TriangleMesh;
 use crate::scene::nearest;
-use crate::volume::{Solid, Volume};
+use crate::volume::{Choice, Solid, Volume};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
+use toml::de::DeTable;
 
 /// Samples along the longest side where neither the name nor the model says.
 pub const DEFAULT_SAMPLES: usize = 128;
@@ -73,11 +74,11 @@ pub trait Files {
     /// When it cannot be read.
     fn mesh(&mut self, name: &str) -> Result<TriangleMesh>;
 
-    /// A volume.
+    /// A volume, or what is chosen of a file that holds several.
     ///
     /// # Errors
     /// When it cannot be read.
-    fn volume(&mut self, name: &str) -> Result<Volume>;
+    fn volume(&mut self, name: &str, choice: Choice) -> Result<Volume>;
 
     /// The bytes of a file.
     ///
@@ -182,6 +183,16 @@ impl ModelDescription {
         let solid = all.get("solid").map(|item| side(&item)).transpose()?;
         Ok(Self { tree: Arc::new(tree), bounds, isovalue, dims, notes, up, solid })
     }
+}
+
+/// The files that nodes of a model name; none of what is no TOML.
+pub(crate) fn files_of_nodes(text: &str) -> Vec<String> {
+    let Ok(document) = DeTable::parse(text) else { return Vec::new() };
+    let model = document.get_ref().get("model").and_then(|model| model.get_ref().as_table());
+    let kinds = model.into_iter().flat_map(|model| model.values()).filter_map(|kind| kind.get_ref().as_table());
+    let nodes = kinds.flat_map(|kind| kind.values()).filter_map(|node| node.get_ref().as_table());
+    let files = nodes.filter_map(|node| node.get("file")?.get_ref().as_str().map(String::from));
+    files.collect()
 }
 
 /// The line of `[model]` in a scene, and the samples that it asks for: all that a scene must know of it.

@@ -284,7 +284,7 @@ fn bend<'a>(item: &Item<'a>, reading: &mut Reading<'a, '_>) -> Result<Node> {
     let of = reading.children(&section, item, 1..=1)?;
     let warp = Warp { axes, kind: Kind::Bend { rate, centre, range } };
     // Beyond the axis of the bend there is no place for the body.
-    let support = Tree::new(of[0].clone()).map(|tree| tree.support()).unwrap_or(Bounds::EMPTY);
+    let support = Tree::new(of[0].clone()).map(|tree| tree.body()).unwrap_or(Bounds::EMPTY);
     let ends = [support.min[towards], support.max[towards]];
     if ends.iter().any(|y| y.is_finite() && 1.0 - rate * y <= 0.0) {
         let expected = format!(
@@ -328,7 +328,7 @@ fn contact<'a>(item: &Item<'a>, reading: &mut Reading<'a, '_>) -> Result<Node> {
     // Where both are, as far as is known, inside of what is sampled or not: a warp may stand above.
     let mut meet = Bounds { min: DVec3::NEG_INFINITY, max: DVec3::INFINITY };
     for tree in &trees {
-        let support = tree.support();
+        let support = tree.body();
         meet = Bounds { min: meet.min.max(support.min), max: meet.max.min(support.max) };
     }
     let whole = reading.context.bounds;

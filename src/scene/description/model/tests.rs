@@ -16,11 +16,22 @@ impl Files for Made {
         Ok(TriangleMesh { positions, triangles })
     }
 
-    /// x + 2 y + 4 z + 10 on a box from 0 to (1, 2, 2).
-    fn volume(&mut self, _: &str) -> Result<Volume> {
+    /// x + 2 y + 4 z + 10 on a box from 0 to (1, 2, 2), perhaps one of two channels, or of five points in time.
+    fn volume(&mut self, name: &str, choice: Choice) -> Result<Volume> {
+        let mut notes = Vec::new();
+        match name {
+            "two.tif" => drop(choice.of("TIFF", vec!["dapi".into(), "gfp".into()], 1, &mut notes)?),
+            "moving.nii" => drop(choice.of("NIfTI", Vec::new(), 5, &mut notes)?),
+            _ => {}
+        }
+        if name == "slice.nii" {
+            return Volume::new([3, 3, 1], Samples::U8(vec![0, 1, 2, 3, 4, 5, 6, 7, 8]), Affine::IDENTITY);
+        }
         let at = |[x, y, z]: [usize; 3]| (x + 2 * y + 4 * z + 10) as u8;
         let samples = Samples::U8(crate::grid3::all([2, 3, 3]).map(at).collect());
-        Volume::new([2, 3, 3], samples, Affine::from_spacing(DVec3::ONE, DVec3::ZERO).unwrap())
+        let mut volume = Volume::new([2, 3, 3], samples, Affine::from_spacing(DVec3::ONE, DVec3::ZERO).unwrap())?;
+        volume.notes = notes;
+        Ok(volume)
     }
 
     fn bytes(&mut self, name: &str) -> Result<Vec<u8>> {
@@ -305,5 +316,93 @@ fn a_volume_is_trilinear_where_it_lies_and_its_least_outside() {
         let with = if wrong.starts_with("weight") { "weight = 0" } else { "" };
         let text = read(&body.replace(wrong, with)).unwrap_err().to_string();
         assert!(text.contains("m.toml:") && text.contains(expected), "{text}");
+    }
+}
+
+/// What its reader says of a file is told; what is wrong with one stands at its line, with the keys that mend it.
+#[test]
+fn files_of_volumes_are_chosen_from_checked_and_spoken_of() {
+    let volume = |name: &str, more: &str| format!("[model.volume.v]\nfile = \"{name}\"\nisovalue = 16\n{more}");
+    refused(&volume("two.tif", ""), &["m.toml:4", "two.tif", "dapi", "channel = N or channel = NAME"]);
+    refused(&volume("two.tif", "channel = \"rfp\""), &["m.toml:4", "rfp", "gfp"]);
+    refused(&volume("slice.nii", ""), &["m.toml:4", "slice.nii", "3×3×1 samples", "at least 2 samples"]);
+    for channel in ["1", "\"gfp\""] {
+        assert!(read(&volume("two.tif", &format!("channel = {channel}"))).is_ok());
+    }
+    let notes = read(&volume("moving.nii", "")).unwrap().notes;
+    let told = |n: &String| n.starts_with("line 4: moving.nii: ") && n.contains("5") && n.contains("timepoint =");
+    assert!(notes.iter().any(told), "{notes:?}");
+    assert!(!read(&volume("moving.nii", "timepoint = 1")).unwrap().notes.iter().any(|n| n.contains("choose")));
+    // 10 to 23: nothing is above 23, all is from 10 on.
+    for (isovalue, weight, is_good) in [
+        ("9.5", 1, false),
+        ("10", 1, true),
+        ("23", 1, false),
+        ("22.9", 1, true),
+        ("10", -1, false),
+        ("10.1", -1, true),
+        ("23", -1, true),
+        ("23.5", -1, false),
+    ] {
+        let body = volume("v.nii", &format!("weight = {weight}")).replace("16", isovalue);
+        if is_good {
+            assert!(read(&body).is_ok(), "{isovalue} {weight}");
+        } else {
+            refused(&body, &["m.toml:5", "range of v.nii, 10 to 23"]);
+        }
+    }
+}
+
+/// Rounding does not put a point of the face outside, wherever the volume lies.
+#[test]
+fn faces_of_volumes_belong_to_them() {
+    let turns = ["[0.3, -0.7, 12.3]", "[10000.1, 333.3, -77.7]"];
+    for (scale, translate, rotate) in turns.iter().flat_map(|t| [(0.1, t, 0.0), (0.3, t, 33.0), (7.7, t, 120.0)]) {
+        let body = format!(
+            "[model.volume.v]\nfile = \"v.nii\"\nisovalue = 16\nscale = {scale}\ntranslate = {translate}\n\
+             rotate = [1, 2, 3, {rotate}]\n"
+        );
+        let model = read(&body).unwrap();
+        let t: Vec<f64> = translate[1..translate.len() - 1].split(',').map(|n| n.trim().parse().unwrap()).collect();
+        let turn = glam::DMat3::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), f64::to_radians(rotate));
+        for i in 0..200 {
+            let mut q = crate::model::grid::scattered(i) * DVec3::new(1.0, 2.0, 2.0);
+            let axis = i as usize % 3;
+            q[axis] = if i % 2 == 0 { 0.0 } else { [1.0, 2.0, 2.0][axis] };
+            let p = turn * (scale * q) + DVec3::new(t[0], t[1], t[2]);
+            let expected = 0.5 + q.x + 2.0 * q.y + 4.0 * q.z + 10.0 - 16.0;
+            let value = model.tree.value(p);
+            assert!((value - expected).abs() < 1e-7, "{value} for {expected} at {q}, {body}");
+        }
+    }
+}
+
+/// What a volume is outside of its box is no part of it for `cache`, which has samples of all that is looked at.
+#[test]
+fn a_volume_goes_on_outside_of_its_box_below_other_nodes() {
+    let volume = "[model.volume.v]\nfile = \"v.nii\"\nisovalue = 16\nscale = 0.25\ntranslate = [-0.3, -0.2, 0.1]\n";
+    // Far from the box: the least of the file.
+    let beyond = 0.5 + 10.0 - 16.0;
+    let body = format!("{volume}[model.cache.c]\nof = \"v\"\nsamples = 32\n");
+    for at in [[0.7, 0.7, 0.0], [-0.7, 0.0, 0.5], [0.0, 0.0, -0.5], [0.5, 0.8, 0.9]] {
+        near(value(&body, at), beyond);
+    }
+    let others = [
+        "[model.point.p]\ncentre = [0.1, 0.2, 0.3]\nradius = 0.8\n[model.union.u]\nof = [\"v\", \"p\"]\n",
+        "[model.point.p]\ncentre = [0.1, 0.2, 0.3]\nradius = 0.8\n[model.difference.u]\nof = [\"p\", \"v\"]\n",
+        "[model.point.p]\ncentre = [0.1, 0.2, 0.3]\nradius = 0.8\n[model.sum.u]\nof = [\"p\", \"v\"]\n",
+        "[model.twist.u]\nof = \"v\"\nper_unit = 0.8\n",
+        "[model.invert.w]\nof = \"v\"\n[model.shell.u]\nof = \"w\"\nthickness = 0.4\n",
+        "[model.cache.c]\nof = \"v\"\nsamples = 24\n[model.bend.u]\nof = \"c\"\nper_unit = 0.4\nfrom = -1\nto = 1\n",
+        "[model.point.p]\ncentre = [0.1, 0.2, 0.3]\nradius = 0.8\n[model.contact.u]\nof = [\"p\", \"v\"]\nwidth = 0.2\nshow = \"first\"\n",
+    ];
+    for other in others {
+        let model = read(&format!("{volume}{other}")).unwrap();
+        let sampled = |prunes: bool| {
+            let mut values = Vec::new();
+            model.tree.sample(&model.bounds, [37, 40, 33], prunes, &mut values);
+            values.iter().map(|v| v.to_bits()).collect::<Vec<_>>()
+        };
+        assert!(sampled(true) == sampled(false), "{other}");
     }
 }
