@@ -21,12 +21,15 @@ mod request;
 mod run;
 mod scene;
 
+#[cfg(test)]
+mod tests;
+
 pub use builder::Bake;
 #[doc(hidden)]
 pub use goal::{ESCAPE, spread};
 pub use goal::{ForLight, Goal};
 #[doc(hidden)]
-pub use memory::{bytes_of_bake, bytes_of_texel};
+pub use memory::{bytes_of_bake, bytes_of_texel, crossed_cells};
 pub use observer::{Observer, Silent, Task};
 #[doc(hidden)]
 pub use quality::{Quality, lattice_of};

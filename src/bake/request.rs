@@ -1,7 +1,7 @@
 //! A bake as asked for: what decides the store's numbers, what it takes, and the plan of its effects.
 
 use super::deal::Dealt;
-use super::memory::bytes_of_bake;
+use super::memory::{bytes_of_bake, crossed_cells};
 use super::pending::{Pending, texels_in};
 use super::scene::bytes_of_scene_texel;
 use super::{Goal, scene};
@@ -19,9 +19,11 @@ use crate::transport::{
 };
 use crate::volume::{Shadowing, Volume};
 use serde_json::{Value, json};
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::str::FromStr;
+use std::sync::OnceLock;
 
 /// Texels and rays of the trial that the plan rests on.
 pub(super) const PILOT_TEXELS: u64 = 2000;
@@ -102,6 +104,8 @@ pub struct Request<'a> {
     pub(crate) specular: Option<&'a SpecularPhotons>,
     /// Part of the time that is left which it may take: the rest is for surfaces to come.
     pub(crate) time_share: f64,
+    /// Isovalues of which the cells are counted that their surfaces cross, and how many those are.
+    pub(crate) counted: OnceLock<(Vec<f64>, Vec<u64>)>,
 }
 
 /// What is known before relighting of what it will ask for; it decides nothing but the plan.
@@ -189,6 +193,7 @@ impl<'a> Request<'a> {
             points: None,
             specular: None,
             time_share: 1.0,
+            counted: OnceLock::new(),
         }
     }
 }
@@ -347,16 +352,41 @@ impl<'a> Request<'a> {
         Ok(texels)
     }
 
-    /// Bytes that the bake needs at most, groups and partners of its scene included.
+    /// About the bytes that the bake needs, groups and partners of its scene included.
     #[doc(hidden)]
     pub fn bytes_needed(&self) -> u64 {
-        let needed = bytes_of_bake(self.volume, &self.layout, self.isovalues.as_deref(), self.surfaces);
+        self.bytes_needed_by(rayon::current_num_threads())
+    }
+
+    /// The same where it runs on so many threads.
+    #[doc(hidden)]
+    pub fn bytes_needed_by(&self, threads: usize) -> u64 {
+        let isovalues = self.isovalues.as_ref().map(|list| (list.len(), self.crossed(list)));
+        let isovalues = isovalues.as_ref().map(|(count, crossed)| (*count, &crossed[..]));
+        let needed = bytes_of_bake(self.volume, &self.layout, isovalues, self.surfaces, threads);
         let groups = self.geometry.map_or(0, |geometry| scene::bytes_of_groups(&self.layout.layers, geometry));
         // Partners with their pyramids, as the volume itself.
         let partners = self.geometry.map_or(&[][..], Geometry::partners).iter();
         let partners: u64 = partners.map(|p| bytes_of_field(&p.volume)).sum();
         // 16 chunks of 32³ texels are held.
         needed + partners + groups * (16 << 15)
+    }
+
+    /// [`crossed_cells`], counted once for a list of isovalues, however often the memory is asked for.
+    fn crossed(&self, isovalues: &[f64]) -> Cow<'_, [u64]> {
+        let count = || crossed_cells(self.volume, isovalues);
+        let (known, cells) = self.counted.get_or_init(|| (isovalues.to_vec(), count()));
+        if known == isovalues { Cow::Borrowed(cells) } else { Cow::Owned(count()) }
+    }
+
+    /// Refuses samples, of the volume or of its partners, whose files another program has changed since they were opened.
+    ///
+    /// # Errors
+    /// With the name of the file.
+    pub(super) fn check_samples(&self) -> Result<()> {
+        let partners = self.geometry.map_or(&[][..], Geometry::partners).iter();
+        let mut all = std::iter::once(self.volume).chain(partners.map(|partner| &*partner.volume));
+        all.try_for_each(|volume| volume.samples().check())
     }
 
     /// Refuses to need more memory than is allowed: by [`Self::memory_limit`], else by the system.
@@ -380,8 +410,10 @@ impl<'a> Request<'a> {
             let expected = "one isovalue at least, or no list for all of them";
             return Err(Error::argument("isovalues", "an empty list", expected, "leave the list out to bake all"));
         }
-        let needed = self.bytes_needed();
-        if let Some(limit) = self.memory_limit.filter(|&limit| needed > limit) {
+        if let Some(limit) = self.memory_limit
+            && let needed = self.bytes_needed()
+            && needed > limit
+        {
             return Err(Error::Limit {
                 what: format!("the bake of {}", self.label),
                 needed: format!("{needed} bytes"),

@@ -28,7 +28,10 @@ use std::sync::atomic::Ordering;
 pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observer) -> Result<(Store, Report)> {
     let (job, path) = (request, path.as_ref());
     job.check()?;
-    Store::recognise(path, job.volume);
+    // Of shares the first hashes the file that a store names; a bake alone looks at all of it, as it does at a copy.
+    if job.share.is_some() && !job.writing.repair {
+        Store::recognise(path, job.volume);
+    }
     let pyramid = Pyramid::new(job.volume);
     let is_joint = job.geometry.is_some_and(|geometry| geometry.among().is_some());
     let provenance = match StoreOptions::knows(path, job.volume) {
@@ -49,6 +52,7 @@ pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observe
         true => options.open_or_add(path, job.volume, &job.identity(), provenance)?,
         false => options.open_or_create(path, job.volume, &job.identity(), provenance)?,
     };
+    store = store.map_samples(job.volume.samples().place().is_some());
     {
         let _lock = match early {
             Some(lock) => lock,
@@ -56,6 +60,7 @@ pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observe
         };
         store.mended().iter().for_each(|what| observer.note(what));
         report.mended = store.mended().len();
+        store.keeps_otherwise(job.volume).iter().for_each(|text| observer.note(text));
         report.prepare_seconds = observer.seconds();
         report.goal = GoalRecord::of(&job.goal);
         report.at_vertices = job.surfaces;
@@ -110,6 +115,7 @@ fn fill_surfaces(
     for &isovalue in isovalues {
         meshes.push((isovalue, isosurface(job.volume, pyramid, isovalue)?));
     }
+    job.check_samples()?;
     store.check_surfaces(meshes.iter().map(|(isovalue, mesh)| (*isovalue, mesh)), on_model)?;
     let mut surfaces = Vec::with_capacity(isovalues.len());
     for (isovalue, mesh) in meshes {
@@ -171,7 +177,9 @@ fn add_checks(
             checks::draw_on((job.volume, pyramid), &mesh, isovalue, count, seed)
         }
     };
-    store.write_checks(isovalue, &job.checks_at(pyramid, &points)?)
+    let checks = job.checks_at(pyramid, &points)?;
+    job.check_samples()?;
+    store.write_checks(isovalue, &checks)
 }
 
 /// Rays from which on a bake is no draft.
@@ -367,7 +375,7 @@ fn bake_part(
             let touched = part.touched.get(&chunk).and_then(|all| all.get(i)).copied().unwrap_or(Octants::ALL);
             extent.add_part(claim.clone(), part.octants.with(touched.others()));
         }
-        job.volume.samples().check()?;
+        job.check_samples()?;
         for (store, bricks) in stores.iter().zip(groups).rev() {
             store.write_chunk(chunk, bricks, &extent)?;
         }

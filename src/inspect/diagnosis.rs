@@ -66,7 +66,8 @@ impl Diagnosed {
                 Ok(Self { looked: Looked::Probe(Box::new((probe, report))), findings })
             }
             Kind::Store => {
-                let store = Store::open(argument)?;
+                options.refuse_for("a store")?;
+                let store = Store::open(argument)?.map_samples(options.choice.map);
                 let bytes = size_on_disk(Path::new(argument));
                 let mut all = diagnose_volumes(&store)?.into_iter();
                 let Some(mut first) = all.next() else {

@@ -28,12 +28,12 @@ pub struct StoreFacts {
 }
 
 impl StoreFacts {
-    /// Opens a store and looks at its records.
+    /// Opens a store and looks at its records; with `maps` samples stay in the file that it may name.
     ///
     /// # Errors
     /// When there is no store, or it is damaged.
-    pub fn of(path: &str) -> Result<Self> {
-        let store = Store::open(path)?;
+    pub fn of(path: &str, maps: bool) -> Result<Self> {
+        let store = Store::open(path)?.map_samples(maps);
         let (held, volume) = (store.holdings()?, store.volume()?);
         let (mut surfaces, mut chunks) = (Vec::new(), store.layout().lattice.chunks().iter().product());
         for &isovalue in &held.surfaces {
@@ -55,6 +55,7 @@ impl StoreFacts {
             "isovalues": held.isovalues_json(), "surfaces": held.surfaces, "chunks": held.chunks,
             "chunks_of_lattice": self.chunks, "chunks_asked": complete.needed, "chunks_complete": complete.there,
             "rays": held.rays, "error_targets": held.targets, "bytes": self.bytes, "packing": store.packing(),
+            "samples_file": store.samples_file(),
         })
     }
 }

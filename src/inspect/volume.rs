@@ -1,6 +1,6 @@
 //! What is in a volume, and what a bake of it would take.
 
-use crate::bake::{bytes_of_bake, bytes_of_texel};
+use crate::bake::{bytes_of_bake, bytes_of_texel, crossed_cells};
 use crate::error::Result;
 use crate::geom::Affine;
 use crate::scene::Member;
@@ -38,9 +38,10 @@ impl Estimate {
         let layout = Layout { lattice, layers: Layers::usual(4)? };
         let texel = bytes_of_texel(&layout.layers);
         let data = volume.samples().bytes().len() as u64;
+        let crossed = crossed_cells(volume, &[isovalue]);
         let bytes = |s: Selection| data + s.bricks().len() as u64 * BRICK_TEXELS as u64 * texel;
         Ok(Self {
-            memory: bytes_of_bake(volume, &layout, Some(&[isovalue]), true),
+            memory: bytes_of_bake(volume, &layout, Some((1, &crossed)), true, rayon::current_num_threads()),
             all: bytes(Selection::of_all_isosurfaces(lattice, volume)),
             one: bytes(texels_of_isosurface(volume, lattice, isovalue)),
         })

@@ -12,10 +12,15 @@ use std::sync::OnceLock;
 /// stored range per cell would double the memory.
 pub const BLOCK_SHIFT: u32 = 2;
 
+/// Blocks along each axis of a grid of samples.
+fn blocks_of(dims: [usize; 3]) -> [usize; 3] {
+    dims.map(|n| n.saturating_sub(1).div_ceil(1 << BLOCK_SHIFT).max(1))
+}
+
 /// Bytes of memory that belong to what rays are traced through: samples where they are not read in their file, ranges of blocks
 /// of 4³ cells (two f32), their cones (24 ranks of 16 bits), and the bounds of proofs (20 bytes).
 pub(crate) fn bytes_of_field(volume: &Volume) -> u64 {
-    let blocks = volume.samples().len() as u64 / 64;
+    let blocks: u64 = blocks_of(volume.dims()).iter().map(|&n| n as u64).product();
     volume.samples().bytes_owned() + blocks * (8 + 48 + 20)
 }
 
@@ -54,7 +59,7 @@ impl Pyramid {
 
     fn scan<T: Sample>(samples: &[T], dims: [usize; 3], sign: f32) -> Level {
         let side = 1usize << BLOCK_SHIFT;
-        let blocks = dims.map(|n| n.saturating_sub(1).div_ceil(side).max(1));
+        let blocks = blocks_of(dims);
         let count = blocks.iter().product();
         let mut level = Level { dims: blocks, max: vec![f32::NEG_INFINITY; count], min: vec![f32::INFINITY; count] };
         // Rows of samples belong to one or two blocks in y and to one or two slabs of blocks in z: shared faces to both.

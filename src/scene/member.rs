@@ -94,7 +94,8 @@ impl VolumeOptions {
         Self { front: self.front.or(Some(Front::Grid)), ..self.clone() }
     }
 
-    /// Refuses what says how a file is read, where none is: for the volume of a store or of a field.
+    /// Refuses what says how a file is read, where none is: for the volume of a store or of a field. Whether samples are mapped is asked
+    /// of stores as well, which may name the file of theirs.
     ///
     /// # Errors
     /// Names the first such option that is set.

@@ -4,7 +4,8 @@
 //! The system answers a look at a page that the file no longer has with SIGBUS, in the middle of any instruction; nothing
 //! can be finished then. Files that were being written are temporary until they are whole (`staging`), so to say why and to
 //! leave is enough. The library installs no handler: a program that cannot have the signal opens its stores with
-//! [`crate::transfer::store::Store::open_unmapped`], and maps no volume ([`crate::volume::Choice::map`] is off there).
+//! [`crate::transfer::store::Store::open_unmapped`], and maps no volume: [`crate::volume::Choice::map`] is off there, and so is
+//! [`crate::transfer::store::Store::map_samples`] for files that stores name.
 
 /// What the user reads.
 #[cfg(unix)]

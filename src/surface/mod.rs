@@ -43,6 +43,7 @@ mod watertight;
 
 pub(crate) use cell::{edge_corners, face_corners};
 pub(crate) use fill::triangles_of_cell;
+pub(crate) use signs::count_straddling_cells;
 pub use signs::{StraddlingCells, straddling_cells};
 pub use statistics::{MeshStatistics, mesh_statistics};
 

@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 use crate::file::{MAP_ABOVE, Plain, Stamp};
 use memmap2::Mmap;
 use std::fmt;
+use std::path::Component;
 use std::sync::Arc;
 
 /// Byte order of this machine.
@@ -60,13 +61,22 @@ impl Mapped {
     }
 }
 
+/// What helps a store whose samples are not where it says.
+pub(crate) const REMEDY_OF_REFERENCE: &str = "put the file back; or run the bake that made the store again, with a file of this name wherever it is now and \
+     --store-volume reference: the store then names that one, if its samples are the same";
+
 impl Place {
+    /// Whether its path means the same file in every folder.
+    fn is_absolute(&self) -> bool {
+        self.file.is_absolute() && !self.file.components().any(|part| part == Component::ParentDir)
+    }
+
     /// Whether the file is there, with the length and the time that it had.
     pub(crate) fn is_there(&self) -> bool {
         let stamp = crate::file::open(&self.file).and_then(|(file, _)| {
             Plain::new(file, &self.file).stamp().map_err(|e| Error::io(&self.file, "look at", e))
         });
-        stamp.is_ok_and(|stamp| stamp == Stamp { bytes: self.bytes, modified: self.modified })
+        self.is_absolute() && stamp.is_ok_and(|stamp| stamp == Stamp { bytes: self.bytes, modified: self.modified })
     }
 }
 
@@ -76,12 +86,14 @@ impl Place {
 /// When the file is not there or not as it was; the system's errors.
 pub(crate) fn samples_at(place: &Place, type_name: &str, count: usize, maps: bool) -> Result<Samples> {
     const NAME: &str = "file of samples";
-    let expected = format!("{} bytes, not written since the store was made", place.bytes);
-    let refuse = |found: String| {
-        let remedy = "put it back; or run the bake that made the store again, with the file where it is now and \
-                      --store-volume reference: it is taken if its samples are the same";
-        Error::format(NAME, found, expected.clone(), remedy).in_file(&place.file)
+    let refuse_as = |found: String, expected: String| {
+        Error::format(NAME, found, expected, REMEDY_OF_REFERENCE).in_file(&place.file)
     };
+    let refuse = |found| refuse_as(found, format!("{} bytes, not written since the store was made", place.bytes));
+    // Else it would depend on the folder of whoever opens the store.
+    if !place.is_absolute() {
+        return Err(refuse_as("a relative path".into(), "an absolute path without .. in it".into()));
+    }
     let (file, length) = crate::file::open(&place.file).map_err(|e| match e {
         Error::Io { source, .. } => refuse(source.to_string()),
         other => other,

@@ -39,7 +39,7 @@ mod zarr;
 pub use choice::{Channel, Choice, Level, MOST_AUTO, Region, Series, Spacing};
 pub use components::Removed;
 pub use isovalue::Isovalue;
-pub(crate) use mapped::samples_at;
+pub(crate) use mapped::{REMEDY_OF_REFERENCE, samples_at};
 pub use open::{open, open_with};
 pub use read::{ReadHint, read};
 pub use samples::Samples;
@@ -398,17 +398,31 @@ impl Volume {
         self.hash.get_or_init(|| hash.to_owned());
     }
 
-    /// Refuses to be kept by reference where the samples are not read in a file.
+    /// Refuses to be kept by reference where the samples are not read in a file, or a store cannot name it.
     pub(crate) fn check_reference(&self) -> Result<()> {
-        if !self.by_reference || self.samples.place().is_some() {
+        if !self.by_reference {
             return Ok(());
         }
-        Err(Error::argument(
-            "--store-volume reference",
-            format!("{}, whose samples are in memory", self.name),
-            "samples that are read in their file: not compressed, x fastest, little-endian, aligned, finite, more than 64 KiB",
-            "leave it out: the store then holds a copy; or write the volume as NRRD raw or NIfTI without .gz",
-        ))
+        let (found, expected, remedy) = match self.samples.place() {
+            None => (
+                format!("{}, whose samples are in memory", self.name),
+                "samples that are read in their file: not compressed, x fastest, little-endian, aligned, finite, more than 64 KiB",
+                "write the volume as NRRD raw or NIfTI without .gz",
+            ),
+            Some(place) if place.file.to_str().is_none() => (
+                format!("{}, whose path is not UTF-8", place.file.display()),
+                "a path of UTF-8, as the metadata of a store are",
+                "rename the file, or the folder that is not",
+            ),
+            Some(place) if !place.is_there() => (
+                format!("{}, which was moved or written since it was opened", place.file.display()),
+                "a file that stays as it is",
+                "begin again when it does",
+            ),
+            Some(_) => return Ok(()),
+        };
+        let remedy = format!("{remedy}; or leave the option out: the store then holds a copy");
+        Err(Error::argument("--store-volume reference", found, expected, remedy))
     }
 
     fn hash_of_all(&self) -> String {

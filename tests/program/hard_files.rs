@@ -352,55 +352,183 @@ fn two_processes_on_one_output() {
     assert!(both == std::fs::read(bench.path("alone.glb")).expect("read"));
 }
 
+/// A bench with `ball.nrrd`, a ball of 8-bit samples, more than what is read at once, and what bakes its surface.
+struct Ball(Bench, Vec<u8>);
+
+const OF_BALL: &str = "bake ball.nrrd --isovalues 128 --rays 4 --layers 1 --bands 2";
+const BY_REFERENCE: &str = "--store-volume reference -o named.isolume";
+
+impl Ball {
+    fn new() -> Self {
+        let (dims, radius) = ([48, 44, 40], 15.0f64);
+        let inside = |i: usize| {
+            let at = [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])];
+            let away = (0..3).map(|a| (at[a] as f64 - dims[a] as f64 / 2.0).powi(2)).sum::<f64>().sqrt();
+            (128.0 + 8.0 * (radius - away)).clamp(0.0, 255.0) as u8
+        };
+        let samples: Vec<u8> = (0..dims.iter().product()).map(inside).collect();
+        let bench = Bench::new();
+        bench.write("ball.nrrd", nrrd("48 44 40", &samples));
+        Self(bench, samples)
+    }
+
+    /// The files below a folder; there is one at least.
+    fn below(&self, folder: &str) -> Vec<(PathBuf, Vec<u8>)> {
+        let root = self.0.path(folder);
+        let inside = self.0.all().into_iter().filter(|(path, _)| path.starts_with(&root) && path.is_file());
+        let inside = inside.map(|(path, bytes)| (path.strip_prefix(&root).expect("below").to_path_buf(), bytes));
+        let found: Vec<_> = inside.collect();
+        assert!(found.iter().any(|(_, bytes)| !bytes.is_empty()), "{folder} is empty");
+        found
+    }
+
+    /// Other samples in a file, written at the same time as before.
+    fn alter(&self, name: &str) {
+        let time = std::fs::metadata(self.0.path(name)).and_then(|m| m.modified()).expect("a time");
+        let mut samples = self.1.clone();
+        samples[0] ^= 1;
+        self.0.write(name, nrrd("48 44 40", &samples));
+        let file = std::fs::File::options().write(true).open(self.0.path(name)).expect("opened");
+        file.set_modified(time).expect("set");
+    }
+
+    /// What a line says where people read it.
+    fn says(&self, line: &str) -> String {
+        let output = self.0.command(line).assert().success().get_output().stderr.clone();
+        String::from_utf8(output).expect("text").split_whitespace().collect::<Vec<_>>().join(" ")
+    }
+}
+
 #[test]
-fn mapped_volumes_are_those_that_are_read_and_stores_may_refer_to_them() {
-    let bench = Bench::new();
-    // A ball of 8-bit samples, more than what is read at once.
-    let (dims, radius) = ([48, 44, 40], 15.0f64);
-    let inside = |i: usize| {
-        let at = [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])];
-        let away = (0..3).map(|a| (at[a] as f64 - dims[a] as f64 / 2.0).powi(2)).sum::<f64>().sqrt();
-        (128.0 + 8.0 * (radius - away)).clamp(0.0, 255.0) as u8
+fn mapped_volumes_are_those_that_are_read() {
+    let ball = Ball::new();
+    let bench = &ball.0;
+    bench.run(&format!("{OF_BALL} -o mapped.isolume"));
+    bench.run(&format!("{OF_BALL} --no-map -o read.isolume"));
+    assert!(ball.below("mapped.isolume") == ball.below("read.isolume"));
+    let hash = |line: &str| bench.json(line)["content_hash"].as_str().map(str::to_owned).expect("a hash");
+    assert_eq!(hash("info ball.nrrd"), hash("info --no-map ball.nrrd"));
+    // The forecast counts samples that are read at once, chunks by the threads, vertices by the isovalues.
+    let memory =
+        |more: &str| bench.json(&format!("plan ball.nrrd --rays 4 {more}"))["memory_bytes"].as_u64().expect("bytes");
+    let one = memory("--isovalues 128 --threads 1");
+    assert_eq!(memory("--isovalues 128 --threads 1 --no-map") - one, ball.1.len() as u64);
+    assert!(memory("--isovalues 128 --threads 4") > one);
+    assert!(memory("--isovalues 128,100 --threads 1") > one);
+    assert!(memory("--isovalues 128 --threads 1 --layers 1 --bands 2") < one);
+    assert!(memory("--isovalues 128 --texture 2") > memory("--isovalues 128 --texture 1"));
+    // A job asks for the threads of its tasks, whatever this machine has.
+    let job = |cpus: u32| {
+        let line =
+            format!("cluster slurm ball.nrrd --tasks 2 --cpus {cpus} -o b.isolume --script job.sh -- --isovalues 128");
+        bench.json(&line)["memory_bytes"].as_u64().expect("bytes")
     };
-    let ball: Vec<u8> = (0..dims.iter().product()).map(inside).collect();
-    bench.write("ball.nrrd", nrrd("48 44 40", &ball));
-    bench.write("copy.nrrd", nrrd("48 44 40", &ball));
-    let below = |folder: &str| -> Vec<(PathBuf, Vec<u8>)> {
-        let root = bench.path(folder);
-        let inside = bench.all().into_iter().filter(|(path, _)| path.starts_with(&root));
-        inside.map(|(path, bytes)| (path.strip_prefix(&root).expect("below").to_path_buf(), bytes)).collect()
-    };
-    bench.run(&format!("bake ball.nrrd --isovalues 128 {BAKE} -o mapped.isolume"));
-    bench.run(&format!("bake ball.nrrd --isovalues 128 {BAKE} --no-map -o read.isolume"));
-    assert!(below("mapped.isolume") == below("read.isolume"));
-    assert!(bench.json("info ball.nrrd")["content_hash"] == bench.json("info --no-map ball.nrrd")["content_hash"]);
-    // The forecast counts samples that are read at once.
-    let memory = |more: &str| {
-        bench.json(&format!("plan ball.nrrd --isovalues 128 --rays 4 {more}"))["memory_bytes"].as_u64().expect("bytes")
-    };
-    assert_eq!(memory("--no-map") - memory(""), ball.len() as u64);
-    // A volume that the store only names: everything but the samples is as with a copy.
-    let refer = "--store-volume reference -o named.isolume";
-    bench.run(&format!("bake ball.nrrd --isovalues 128 {BAKE} {refer}"));
+    assert!(job(512) > job(1));
+}
+
+#[test]
+fn stores_may_refer_to_the_file_of_their_volume() {
+    let ball = Ball::new();
+    let bench = &ball.0;
+    bench.write("copy.nrrd", bench.bytes("ball.nrrd"));
+    bench.run(&format!("{OF_BALL} -o mapped.isolume"));
+    // Everything but the samples is as with a copy.
+    bench.run(&format!("{OF_BALL} {BY_REFERENCE}"));
     assert!(!bench.path("named.isolume/volumes/ball/data/c").exists());
-    assert!(below("named.isolume/surfaces") == below("mapped.isolume/surfaces"));
+    assert!(ball.below("named.isolume/surfaces") == ball.below("mapped.isolume/surfaces"));
     for store in ["named", "mapped"] {
         bench.run(&format!("relight {store}.isolume --isovalue 128 --env studio -o {store}.ply -q"));
     }
-    let picture = |name: &str| std::fs::read(bench.path(name)).expect("read");
-    assert!(picture("named.ply") == picture("mapped.ply"));
-    bench.run("doctor named.isolume");
-    std::fs::rename(bench.path("ball.nrrd"), bench.path("away.nrrd")).expect("renamed");
+    assert!(bench.bytes("named.ply") == bench.bytes("mapped.ply"));
+    // Whoever opens it is told where the samples are.
+    let file = bench.path("ball.nrrd").canonicalize().expect("a path").display().to_string();
+    assert_eq!(bench.json("info named.isolume")["samples_file"], file.as_str());
+    assert!(bench.json("info mapped.isolume")["samples_file"].is_null());
+    assert!(bench.run("info named.isolume").contains(&file));
     let relight = "relight named.isolume --isovalue 128 --env studio -o x.ply";
-    bench.refuses_line(relight, &["ball.nrrd", "--store-volume reference"]);
-    bench.command("doctor named.isolume").assert().code(1);
-    bench.write("ball.nrrd", &nrrd("48 44 40", &ball)[..50_000]);
+    for line in [
+        relight,
+        "verify named.isolume",
+        "merge named.isolume -o merged.isolume",
+        "pack named.isolume -o packed.isolume",
+    ] {
+        let said = ball.says(line);
+        assert!(said.contains("samples of ball are read from") && said.contains("ball.nrrd"), "{line}: {said}");
+    }
+    assert!(bench.run("doctor named.isolume").contains("samples elsewhere"));
+    assert!(bench.run("doctor mapped.isolume").contains("nothing unusual"));
+    // What it is stays, and is said.
+    let said = ball.says(&format!("{OF_BALL} -o named.isolume"));
+    assert!(said.contains("the samples stay in") && said.contains("ball.nrrd"), "{said}");
+    let said = ball.says(&format!("{OF_BALL} --store-volume reference -o mapped.isolume"));
+    assert!(said.contains("keeps its copy"), "{said}");
+    assert!(!ball.says(&format!("{OF_BALL} {BY_REFERENCE}")).contains("stay"));
+
+    std::fs::rename(bench.path("ball.nrrd"), bench.path("away.nrrd")).expect("renamed");
+    bench.refuses_line(relight, &["ball.nrrd", "No such file", "--store-volume reference"]);
+    for (line, said) in [("doctor named.isolume", "No such file"), ("verify named.isolume", "damaged volume")] {
+        let (code, out, _) = bench.outcome(line);
+        assert!(code == 1 && out.contains("damaged volume") && out.contains(said), "{line}: {out}");
+    }
+    // What was packed has the samples.
+    assert!(bench.run("doctor packed.isolume").contains("nothing unusual"));
+    bench.write("ball.nrrd", &bench.bytes("away.nrrd")[..50_000]);
     bench.refuses_line(relight, &["ball.nrrd", "50000 bytes"]);
     // The same samples, in a file that was written since.
     std::fs::rename(bench.path("copy.nrrd"), bench.path("ball.nrrd")).expect("renamed");
-    bench.run(&format!("bake ball.nrrd --isovalues 128 {BAKE} {refer}"));
-    bench.run("doctor named.isolume");
+    bench.run(&format!("{OF_BALL} {BY_REFERENCE}"));
+    assert!(bench.run("doctor named.isolume").contains("samples elsewhere"));
     // What is not there to be named is refused before any work.
     bench.refuses_line("bake sphere:12 --store-volume reference -o x.isolume", &["--store-volume", "in memory"]);
     bench.refuses_line("bake ball.nrrd --no-map --store-volume reference -o x.isolume", &["--store-volume"]);
+    bench.refuses_line("doctor named.isolume --channel 1", &["--channel", "a store"]);
+}
+
+/// Length and time do not prove samples: who looks at all of them finds it, and can put it right.
+#[test]
+fn a_file_of_other_samples_is_found_and_mended() {
+    let ball = Ball::new();
+    let bench = &ball.0;
+    std::fs::create_dir(bench.path("right")).expect("made");
+    bench.write("right/ball.nrrd", bench.bytes("ball.nrrd"));
+    bench.run(&format!("{OF_BALL} {BY_REFERENCE}"));
+    ball.alter("ball.nrrd");
+    let relight = "relight named.isolume --isovalue 128 --env studio -o x.ply -q";
+    bench.run(relight);
+    bench.refuses_line(&format!("{relight} --no-map"), &["ball.nrrd", "BLAKE3", "--store-volume reference"]);
+    let (code, out, _) = bench.outcome("doctor named.isolume");
+    assert!(code == 1 && out.contains("damaged volume") && out.contains("BLAKE3"), "{out}");
+    // The bake of that file is one of another volume, and writes nothing; shares believe the time, unless they are told not to.
+    let again = format!("{OF_BALL} {BY_REFERENCE}");
+    bench.refuses_line(&again, &["named.isolume", "volume"]);
+    bench.refuses_line(&format!("{again} --chunks 1/2 --repair"), &["named.isolume", "volume"]);
+    // That of a file with its samples takes the place.
+    let right = OF_BALL.replace("ball.nrrd", "right/ball.nrrd");
+    assert!(ball.says(&format!("{right} {BY_REFERENCE}")).contains("of another file"));
+    assert!(bench.run("doctor named.isolume").contains("samples elsewhere"));
+    // So does a copy.
+    ball.alter("right/ball.nrrd");
+    bench.write("left.nrrd", nrrd("48 44 40", &ball.1));
+    std::fs::remove_file(bench.path("ball.nrrd")).expect("removed");
+    std::fs::rename(bench.path("left.nrrd"), bench.path("ball.nrrd")).expect("renamed");
+    bench.run(&format!("{OF_BALL} -o named.isolume"));
+    assert!(bench.run("doctor named.isolume").contains("nothing unusual"));
+}
+
+/// Metadata are text: a path that is none cannot stand in them.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_path_that_is_no_text_is_refused_by_name() {
+    use std::os::unix::ffi::OsStrExt;
+    let ball = Ball::new();
+    let odd = ball.0.folder.path().join(std::ffi::OsStr::from_bytes(b"f\xfflder"));
+    std::fs::create_dir(&odd).expect("made");
+    std::fs::rename(ball.0.path("ball.nrrd"), odd.join("ball.nrrd")).expect("renamed");
+    let process = |line: &str| {
+        let mut command = ball.0.process(line);
+        command.current_dir(&odd);
+        command
+    };
+    ball.0.refuses_all(process(&format!("{OF_BALL} {BY_REFERENCE}")), &["ball.nrrd", "UTF-8", "--store-volume"]);
+    Command::from_std(process(&format!("{OF_BALL} -o copied.isolume"))).assert().success();
 }

@@ -237,8 +237,6 @@ impl Bake {
         job.hints.shown = console.is_verbose();
         job.share = self.chunks;
         job.writing = Writing { sync: !self.no_sync, repair: self.repair, ..Writing::default() };
-        job.check_memory()?;
-        job.check()?;
         let (Some(path), Some(target)) = (&self.output, target) else {
             return Err(Failure::Message("the output is missing: give -o X.isolume".into()));
         };
@@ -255,11 +253,11 @@ impl Bake {
 }
 
 impl Bake {
-    /// Bytes that it needs at most, of the volume that needs the most.
+    /// About the bytes that it needs on so many threads, of the volume that needs the most.
     ///
     /// # Errors
     /// When the volume or scene cannot be opened, or what is asked of it makes no sense.
-    pub(in crate::cli) fn bytes_needed(&self, seed: u64) -> Outcome<u64> {
+    pub(in crate::cli) fn bytes_needed(&self, seed: u64, threads: usize) -> Outcome<u64> {
         let (mut scene, quality) = (self.open()?, self.quality(seed));
         let mut most = 0;
         for opened in scene.members_mut() {
@@ -268,7 +266,7 @@ impl Bake {
             let isovalues = chosen.map(|list| list.iter().map(|c| c.value).collect());
             let job = quality.request(opened, isovalues, Vec::new())?;
             job.check()?;
-            most = most.max(job.bytes_needed());
+            most = most.max(job.bytes_needed_by(threads));
         }
         Ok(most)
     }

@@ -61,7 +61,7 @@ struct Job {
     /// Cores of a task
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096))]
     cpus: u32,
-    /// Memory of a task, such as 24GB [default: what the bake needs at most, and a quarter more]
+    /// Memory of a task, such as 24GB [default: about what the bake needs on --cpus threads, and a quarter more]
     #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
     memory: Option<u64>,
     /// Limit of time of a task, such as 90m
@@ -84,7 +84,7 @@ impl Cluster {
         let bake = job.parsed(bake_of)?;
         let memory = match job.memory {
             Some(memory) => memory,
-            None => bake.bytes_needed(seed)? / 4 * 5,
+            None => bake.bytes_needed(seed, job.cpus as usize)? / 4 * 5,
         };
         // A node has more than the program: libraries, the kernel's pages of files.
         let mebibytes = memory.div_ceil(1 << 20).max(512);

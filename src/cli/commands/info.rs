@@ -41,7 +41,7 @@ impl Info {
             if self.watch {
                 return follow(&self.input, Duration::from_secs_f64(self.every), console);
             }
-            return store(&self.input, console);
+            return store(&self.input, !self.volume.no_map, console);
         }
         if self.watch {
             let remedy = "give the store that is baked: isolume info X.isolume --watch";
@@ -176,11 +176,12 @@ fn volume_rows(volume: &Volume) -> Vec<Vec<String>> {
     ]
 }
 
-fn store(argument: &str, console: &Console) -> Outcome {
-    let facts = StoreFacts::of(argument)?;
+fn store(argument: &str, maps: bool, console: &Console) -> Outcome {
+    let facts = StoreFacts::of(argument, maps)?;
     let StoreFacts { store, volume, held, volumes, complete, .. } = &facts;
     let (identity, m) = (store.identity(), store.identity().texels);
     let mut rows = volume_rows(volume);
+    rows.extend(store.samples_file().map(|file| row("samples in", file.display().to_string())));
     rows.push(row("texture", format!("{} × {} × {} texels", m[0], m[1], m[2])));
     rows.push(row("layers", format!("{} with {:?} bands", identity.bands.len(), identity.bands)));
     let sign = if identity.positive { ", positive" } else { "" };

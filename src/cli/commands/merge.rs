@@ -2,10 +2,11 @@
 
 use crate::cli::failure::Outcome;
 use crate::cli::present::console::Console;
+use crate::cli::present::lent::open_store;
 use crate::cli::present::text;
-use crate::error::Error;
+use crate::error::Result;
 use crate::file::{file_name, size_on_disk};
-use crate::transfer::store::{Store, StoreOptions};
+use crate::transfer::store::StoreOptions;
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -32,7 +33,7 @@ pub(in crate::cli) struct Merge {
 
 impl Merge {
     pub(in crate::cli) fn run(&self, console: &Console) -> Outcome {
-        let sources = self.inputs.iter().map(Store::open).collect::<Result<Vec<_>, Error>>()?;
+        let sources = self.inputs.iter().map(|path| open_store(path, true, console)).collect::<Result<Vec<_>>>()?;
         let options = StoreOptions::default().sync(!self.no_sync);
         let (_, reports) = options.merge(&sources, &self.output)?;
         let mut rows = vec![["store", "chunks taken", "chunks that brought nothing"].map(String::from).to_vec()];

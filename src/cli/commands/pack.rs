@@ -2,6 +2,7 @@
 
 use crate::cli::failure::Outcome;
 use crate::cli::present::console::Console;
+use crate::cli::present::lent::open_store;
 use crate::cli::present::text;
 use crate::error::Result;
 use crate::file::{file_name, size_on_disk};
@@ -12,7 +13,7 @@ use std::path::PathBuf;
 ///
 /// A packed store is a store: relight, compare, view, export and info take it, and any program that reads Zarr. Nothing is baked into it:
 /// keep the store that it was made of where the bake may go on. The error is white, so that light of every colour and direction gets the
-/// same of it; info shows it, and what it may do to radiance at most.
+/// same of it; info shows it, and what it may do to radiance at most. Samples that stay in a file (--store-volume reference) are copied.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   isolume pack brain.isolume -o brain-small.isolume
@@ -35,7 +36,7 @@ pub(in crate::cli) struct Pack {
 
 impl Pack {
     pub(in crate::cli) fn run(&self, console: &Console) -> Outcome {
-        let source = Store::open(&self.input)?;
+        let source = open_store(&self.input, true, console)?;
         let options = StoreOptions::default().sync(!self.no_sync);
         let (_, report) = options.pack(&source, &self.output, self.error)?;
         let sizes = [&self.input, &self.output].map(|path| size_on_disk(path));

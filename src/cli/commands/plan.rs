@@ -95,7 +95,7 @@ impl Plan {
         }
         console.print(effects::table(&plan));
         console.print(format!(
-            "\n{} texels with a level set, {}rays, at most {} in the store and {} of memory",
+            "\n{} texels with a level set, {}rays, at most {} in the store, about {} of memory",
             text::count(plan.valid_texels as u64),
             text::metric(plan.rays),
             text::bytes(plan.bytes),

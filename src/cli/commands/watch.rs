@@ -16,7 +16,7 @@ pub(in crate::cli) fn follow(argument: &str, every: Duration, console: &Console)
     let mut first: Option<(Instant, u64)> = None;
     let mut told = None;
     loop {
-        let store = Store::open(argument)?;
+        let store = Store::open(argument)?.map_samples(true);
         let look = match watch.look(&store) {
             Ok(look) => look,
             // A surface that is just being added: the next look finds it whole.

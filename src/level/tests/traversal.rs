@@ -109,3 +109,13 @@ fn a_ray_that_leaves_along_its_level_set_may_start_on_either_side() {
         assert!(matches!(beside, Outcome::Hit(_)), "{beside:?}");
     });
 }
+
+/// The forecast counts the blocks that there are, of thin grids as well.
+#[test]
+fn the_bytes_of_a_field_are_those_of_its_blocks() {
+    for dims in [[40, 2, 2], [2, 2, 2], [33, 5, 6], [17, 17, 17], [4, 4, 1]] {
+        let volume = on_grid(dims, Samples::U8(vec![7; dims.iter().product()]));
+        let blocks = Pyramid::new(&volume).block_ranges().len() as u64;
+        assert_eq!(bytes_of_field(&volume), volume.samples().bytes_owned() + 76 * blocks, "{dims:?}");
+    }
+}

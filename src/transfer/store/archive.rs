@@ -24,6 +24,8 @@ pub(super) struct Archive {
     map: Arc<Mmap>,
     // Invariant: ranges lie inside `map`.
     pub entries: BTreeMap<String, Range<usize>>,
+    /// Whether files of samples that the store names are mapped.
+    pub maps_samples: bool,
 }
 
 impl Archive {
@@ -46,7 +48,15 @@ impl Archive {
         let length = usize::try_from(length).map_err(|e| failed(io::Error::other(e)))?;
         let map = crate::file::map(&file, 0, length).map_err(failed)?;
         let entries = entries(&map).map_err(|e| e.in_file(path))?;
-        Ok(Self { path: path.into(), map: Arc::new(map), entries })
+        Ok(Self { path: path.into(), map: Arc::new(map), entries, maps_samples: false })
+    }
+
+    /// Another map of the same archive.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn again(&self) -> Result<Self> {
+        Ok(Self { maps_samples: self.maps_samples, ..Self::open(&self.path)? })
     }
 
     /// The bytes of a key; `None` if there is no such entry.

@@ -65,6 +65,8 @@ pub(super) struct Directory {
     path: PathBuf,
     /// Whether long files are mapped; else they are read.
     maps: bool,
+    /// Whether files of samples are, which the store names and others may write.
+    maps_samples: bool,
     // Held open, so that the system gives its number to no other directory.
     #[cfg(unix)]
     handle: File,
@@ -81,6 +83,7 @@ impl Directory {
         Ok(Self {
             path: path.into(),
             maps: true,
+            maps_samples: false,
             #[cfg(unix)]
             handle,
         })
@@ -96,7 +99,7 @@ impl Directory {
     /// # Errors
     /// When the system refuses.
     pub fn again(&self) -> Result<Self> {
-        Ok(Self { maps: self.maps, ..Self::open(&self.path)? })
+        Ok(Self { maps: self.maps, maps_samples: self.maps_samples, ..Self::open(&self.path)? })
     }
 
     /// Where it was when it was opened.
@@ -141,7 +144,7 @@ impl Backing {
     pub fn again(&self) -> Result<Self> {
         match self {
             Self::Directory(directory) => directory.again().map(Self::Directory),
-            Self::Archive(archive) => Archive::open(&archive.path).map(Self::Archive),
+            Self::Archive(archive) => archive.again().map(Self::Archive),
         }
     }
 
@@ -158,11 +161,19 @@ impl Backing {
         if key.is_empty() { self.path().into() } else { self.path().join(key) }
     }
 
-    /// Whether long files may be mapped.
-    pub fn maps(&self) -> bool {
+    /// Whether files of samples that the store names are mapped.
+    pub fn maps_samples(&self) -> bool {
         match self {
-            Self::Directory(directory) => directory.maps,
-            Self::Archive(_) => true,
+            Self::Directory(directory) => directory.maps_samples,
+            Self::Archive(archive) => archive.maps_samples,
+        }
+    }
+
+    /// Maps files of samples that the store names, or reads them.
+    pub fn map_samples(&mut self, maps: bool) {
+        match self {
+            Self::Directory(directory) => directory.maps_samples = maps,
+            Self::Archive(archive) => archive.maps_samples = maps,
         }
     }
 

@@ -3,7 +3,8 @@
 //!
 //! | topic | what is counted |
 //! |---|---|
-//! | `damaged volume` | the copy of the volume that cannot be read |
+//! | `damaged volume` | the copy of the volume, or the file that is named, that cannot be read or holds other samples |
+//! | `samples elsewhere` | a store that names the file of its samples |
 //! | `damaged chunks`, `torn chunks` | chunks with wrong checksums; chunks of two writings |
 //! | `nothing baked`, `holes`, `missing bricks` | chunks and bricks that a lookup needs and are not there |
 //! | `uneven` | chunks baked otherwise than most |
@@ -56,13 +57,26 @@ pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selecti
     let volume = match store.volume_verified(true) {
         Ok(volume) => Some(volume),
         Err(error @ (Error::Format { .. } | Error::Argument { .. })) => {
-            let handled = "relight refuses this store; the bake that made it, run again, restores the samples from the \
-                           volume's own file";
+            let handled = match store.samples_file() {
+                None => {
+                    "relight refuses this store; the bake that made it, run again, restores the samples from the volume's own file"
+                }
+                Some(_) => {
+                    "relight believes the length and the time of the file. Put the file back; or run the bake that made the store again, \
+                     with a file of this name and these samples wherever it is: the store then names that one (--store-volume \
+                     reference), or holds a copy"
+                }
+            };
             findings.push(Finding::new("damaged volume", (1, 1, "volumes"), error.to_string(), handled).damage());
             None
         }
         Err(other) => return Err(other),
     };
+    findings.extend(store.samples_file().map(|file| {
+        let handled = "nothing is read of it but by length and time, except here. Who gives the store away gives the file too, or packs \
+                       the store, which copies them";
+        Finding::new("samples elsewhere", (1, 0, "items"), format!("samples are those of {}", file.display()), handled)
+    }));
     // The extents first: only all together do they say what should be there.
     let mut tally = Tally::default();
     let extents = tally.readable(store);

@@ -110,7 +110,7 @@ pub(super) fn mend(
 enum State {
     /// It can stay; what it says.
     Sound(Value),
-    /// "missing" or "damaged".
+    /// What is wrong with it: missing, damaged, or of a file that cannot stay.
     Lost(&'static str),
 }
 
@@ -127,15 +127,11 @@ fn state(backing: &Backing, file: &str, key: &str, expected: &Value, volume: &Vo
     if found == *expected {
         return Ok(State::Sound(found));
     }
-    // That of the volume at hand takes its place, or a copy.
-    if key.ends_with("/data") && volume::reference(&found).is_some_and(|place| !place.is_there()) {
-        return Ok(State::Lost("of a file that moved or changed"));
-    }
     let is_whole = match key.rsplit('/').next() {
-        Some("data") => {
-            let array = volume::array(volume.dims(), volume.samples().type_name());
-            array.check(&found).is_ok() && unsealed(&found).is_ok()
-        }
+        Some("data") => match volume::wrong(&found, volume) {
+            Some(what) => return Ok(State::Lost(what)),
+            None => true,
+        },
         Some("env") => check_group(&found).is_ok() && unsealed(&found).is_ok(),
         _ => false,
     };

@@ -75,7 +75,8 @@ impl StoreOptions {
         let mut merged = None;
         for parts in &all {
             let [(_, part), ..] = parts.as_slice() else { continue };
-            let (volume, identity) = (part.volume()?, part.identity().in_current_format());
+            // A file that is named is believed no more than a copy: the new store vouches for it.
+            let (volume, identity) = (part.volume_verified(true)?, part.identity().in_current_format());
             let is_coupled = identity.scene.as_ref().is_some_and(|scene| scene.coupling.is_some());
             let target = match is_coupled {
                 true => self.open_or_add(path, &volume, &identity, part.provenance().clone())?,

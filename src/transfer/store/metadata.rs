@@ -138,7 +138,7 @@ pub(super) fn nodes_of(
     let mut nodes = vec![
         ("volumes".into(), zarr::group(json!({}))),
         (format!("volumes/{node}"), zarr::group(json!({}))),
-        (format!("volumes/{node}/data"), volume::metadata(volume)),
+        (format!("volumes/{node}/data"), volume::metadata(volume)?),
         ("transfer".into(), zarr::group(json!({}))),
         (format!("transfer/{node}"), zarr::group(json!({}))),
         (format!("transfer/{node}/env"), zarr::group(attributes)),

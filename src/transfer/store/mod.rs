@@ -94,7 +94,7 @@ pub use volume::FRONT_NOT_RECORDED;
 use super::{Group, Layout};
 use crate::error::{Error, Result};
 use crate::staging;
-use crate::volume::Volume;
+use crate::volume::{REMEDY_OF_REFERENCE, Volume};
 use backing::{Backing, Directory};
 use chunk::OpenChunk;
 use metadata::{
@@ -102,7 +102,7 @@ use metadata::{
     packing_of, required_json, sealed, unsealed, write_skeleton,
 };
 use serde_json::{Value, json};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
 use surface::Mark;
 use zarr::{FORMAT, METADATA_REMEDY};
@@ -206,6 +206,15 @@ impl Store {
         Self::open_node(backing, &first)
     }
 
+    /// The same store, which maps the samples that it names a file of, or reads them into memory, as at first: whoever writes
+    /// that file while it is mapped changes the samples, and whoever cuts it off ends the process ([`Self::open_unmapped`]).
+    #[must_use]
+    #[doc(hidden)]
+    pub fn map_samples(mut self, maps: bool) -> Self {
+        self.backing.map_samples(maps);
+        self
+    }
+
     /// Opens the transfer of one volume.
     fn open_node(backing: Backing, node: &str) -> Result<Self> {
         let env = format!("transfer/{node}/env");
@@ -282,7 +291,7 @@ impl Store {
         self.env.split('/').nth(1).unwrap_or_default()
     }
 
-    /// The volume that was baked. Of one that the store holds every sample is verified; of one that it refers to, length and
+    /// The volume that was baked. Every sample is verified, except of one whose file is mapped ([`Self::map_samples`]): there length and
     /// time of the file.
     ///
     /// # Errors
@@ -299,15 +308,42 @@ impl Store {
         }
         let (found, side) = (volume.content_hash(), identity::solid_name(volume.solid));
         if found != self.identity.volume || side != self.identity.solid {
-            return Err(Error::format(
-                FORMAT,
-                format!("a volume with BLAKE3 {found}, solid {side}"),
-                format!("BLAKE3 {}, solid {}", self.identity.volume, self.identity.solid),
-                METADATA_REMEDY,
-            )
-            .in_file(self.backing.name(&self.data)));
+            let found = format!("a volume with BLAKE3 {found}, solid {side}");
+            let expected = format!("BLAKE3 {}, solid {}", self.identity.volume, self.identity.solid);
+            return Err(match self.samples_file() {
+                Some(file) => Error::format(FORMAT, found, expected, REMEDY_OF_REFERENCE).in_file(file),
+                None => Error::format(FORMAT, found, expected, METADATA_REMEDY).in_file(self.backing.name(&self.data)),
+            });
         }
         Ok(volume)
+    }
+
+    /// The file that the samples of its volume stay in; none where the store holds a copy, or its metadata are damaged.
+    #[doc(hidden)]
+    pub fn samples_file(&self) -> Option<PathBuf> {
+        let metadata = self.backing.json(&format!("{}/zarr.json", self.data)).ok()??;
+        volume::reference(&metadata).map(|place| place.file)
+    }
+
+    /// Which files the samples of its volumes are read from, one line each; none where it holds copies.
+    ///
+    /// # Errors
+    /// When the root is damaged.
+    #[doc(hidden)]
+    pub fn notes(&self) -> Result<Vec<String>> {
+        let mut notes = Vec::new();
+        for node in self.volumes()? {
+            let metadata = self.backing.json(&format!("volumes/{node}/data/zarr.json"));
+            if let Some(place) = metadata.ok().flatten().as_ref().and_then(volume::reference) {
+                notes.push(format!("samples of {node} are read from {}, which the store names", place.file.display()));
+            }
+        }
+        Ok(notes)
+    }
+
+    /// Says where the samples stay, if that is not how `volume` is to be kept.
+    pub(crate) fn keeps_otherwise(&self, volume: &Volume) -> Option<String> {
+        volume::differs(&self.backing.json(&format!("{}/zarr.json", self.data)).ok()??, volume)
     }
 
     /// The texture of a group, as a store of its own that shares the files; its chunks are written and read apart.

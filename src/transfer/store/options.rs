@@ -76,6 +76,8 @@ impl StoreOptions {
                 return self.create(path, volume, identity, provenance);
             }
         }
+        // Of shares that begin at once one mends, and the others find it mended.
+        let _mending = if path.is_dir() { Some(lock::adding(path)?) } else { None };
         self.open_mended(path, volume, identity, provenance)
     }
 

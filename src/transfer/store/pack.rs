@@ -1,14 +1,14 @@
 //! Packing a store: a copy whose transfer takes a fraction of the space, with an error that is stated.
 //!
-//! The copy is a store that everything reads and nothing bakes into. Samples, meshes, check points and what was asked are copied byte for
-//! byte; the chunks of each group, of the texture and of each surface, are packed by a step of the group's own ([`super::packed`]).
+//! The copy is a store that everything reads and nothing bakes into, so nothing mends it either: samples that stay in a file of their own are
+//! copied into it. Samples, meshes, check points and what was asked are copied byte for byte; the chunks of each group, of the texture and of each surface, are packed by a step of the group's own ([`super::packed`]).
 
 use super::backing::{Backing, Directory};
 use super::metadata::{arrays, arrays_of, required_json, sealed, unsealed};
 use super::packed::{self, Loss, PACKED, Packing};
 use super::surface::SURFACES;
-use super::zarr;
 use super::{Replacement, Store, StoreOptions};
+use super::{volume, zarr};
 use crate::error::{Error, Result};
 use crate::file::size_on_disk;
 use crate::grid3;
@@ -113,7 +113,8 @@ impl StoreOptions {
     /// As [`Self::pack`].
     #[doc(hidden)]
     pub fn pack_in_place(self, path: &Path, error: PackError) -> Result<Option<(PackReport, [u64; 2])>> {
-        let source = Store::open(path)?;
+        // Who names a file of samples in the bake has had it mapped there.
+        let source = Store::open(path)?.map_samples(true);
         if source.packing().is_some() {
             return Ok(None);
         }
@@ -303,6 +304,24 @@ fn put_json(target: &Backing, place: &str, value: &Value) -> Result<()> {
     target.put(&format!("{place}/zarr.json"), false, format!("{value:#}\n").as_bytes())
 }
 
+/// Copies samples that a store only names the file of; the metadata of their arrays.
+fn copy_samples(source: &Store, target: &Backing) -> Result<BTreeMap<String, Value>> {
+    let mut copied = BTreeMap::new();
+    for name in source.volumes()? {
+        let member = source.of_volume(&name)?;
+        if member.samples_file().is_none() {
+            continue;
+        }
+        let mut volume = member.volume_verified(true)?;
+        volume.by_reference = false;
+        let metadata = volume::metadata(&volume)?;
+        put_json(target, &member.data, &metadata)?;
+        volume::write(target, &member.data, &volume, false)?;
+        copied.insert(member.data, metadata);
+    }
+    Ok(copied)
+}
+
 /// Copies what is not packed, and puts the metadata of all together in the root.
 fn copy_rest(source: &Store, target: &Backing, groups: &[Store], report: &PackReport) -> Result<()> {
     let plain: Vec<&str> = groups.first().map(|g| arrays(&g.layout).map(|(name, _)| name).to_vec()).unwrap_or_default();
@@ -319,8 +338,10 @@ fn copy_rest(source: &Store, target: &Backing, groups: &[Store], report: &PackRe
                 || plain.contains(&first) && !is_record && !below.ends_with(".bin")
         })
     };
+    let copied = copy_samples(source, target)?;
     for key in source.backing.keys()? {
-        if key == "zarr.json" || is_packed(&key) {
+        let is_copied = key.strip_suffix("/zarr.json").is_some_and(|array| copied.contains_key(array));
+        if key == "zarr.json" || is_packed(&key) || is_copied {
             continue;
         }
         let Some(bytes) = source.backing.bytes(&key)? else { continue };
@@ -331,6 +352,7 @@ fn copy_rest(source: &Store, target: &Backing, groups: &[Store], report: &PackRe
     let of_place: BTreeMap<&str, &Store> = groups.iter().map(|group| (group.env.as_str(), group)).collect();
     let mut nodes: Vec<(String, Value)> = Vec::new();
     for (key, value) in known {
+        let value = copied.get(&key).cloned().unwrap_or(value);
         let above = key.rsplit_once('/').map_or("", |(above, _)| above);
         if of_place.contains_key(key.as_str()) {
             let stored = required_json(target, &format!("{key}/zarr.json"))?;

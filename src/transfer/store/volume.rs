@@ -86,7 +86,11 @@ pub(super) fn array(dims: [usize; 3], data_type: &'static str) -> Array {
 }
 
 /// The metadata of the array.
-pub(super) fn metadata(volume: &Volume) -> Value {
+///
+/// # Errors
+/// When the samples are to stay in a file that cannot be named.
+pub(super) fn metadata(volume: &Volume) -> Result<Value> {
+    volume.check_reference()?;
     let unit = match volume.unit {
         LengthUnit::Metres(metres) if metres.is_finite() => Some(metres),
         _ => None,
@@ -106,7 +110,7 @@ pub(super) fn metadata(volume: &Volume) -> Value {
         model: volume.model.as_ref().map(|m| ModelNote { file: m.file.clone(), text: m.text.clone() }),
     };
     let attributes = super::metadata::sealed(json!(attributes));
-    array(volume.dims(), volume.samples().type_name()).metadata(attributes)
+    Ok(array(volume.dims(), volume.samples().type_name()).metadata(attributes))
 }
 
 /// The file of a chunk by its index along x, y, z.
@@ -149,35 +153,79 @@ fn for_each_row(
     }
 }
 
+/// What an array says of itself; none where that is damaged.
+fn attributes(metadata: &Value) -> Option<Attributes> {
+    serde_json::from_value(super::metadata::unsealed(metadata).ok()?).ok()
+}
+
 /// The file that the metadata of an array names in place of its chunks.
 pub(super) fn reference(metadata: &Value) -> Option<Place> {
-    let attributes = super::metadata::unsealed(metadata).ok()?;
-    serde_json::from_value::<Attributes>(attributes).ok()?.reference
+    attributes(metadata)?.reference
+}
+
+impl Attributes {
+    /// Whether the samples of a volume stand in the same frame, and have the same scaling and side.
+    fn frames(&self, volume: &Volume) -> bool {
+        self.affine == rows(volume.world_from_grid(), [1.0; 3])
+            && (self.slope, self.inter) == (volume.slope(), volume.inter())
+            && self.solid == solid_name(volume.solid)
+    }
 }
 
 /// Whether the array at `key` refers to the very samples of a volume, in the same frame.
 pub(super) fn is_of(backing: &Backing, key: &str, volume: &Volume) -> bool {
     let Ok(Some(found)) = backing.json(&format!("{key}/zarr.json")) else { return false };
-    let Ok(attributes) = super::metadata::unsealed(&found) else { return false };
-    let Ok(attributes) = serde_json::from_value::<Attributes>(attributes) else { return false };
-    attributes.reference.is_some()
-        && attributes.reference == volume.samples().place()
-        && attributes.affine == rows(volume.world_from_grid(), [1.0; 3])
-        && (attributes.slope, attributes.inter) == (volume.slope(), volume.inter())
-        && array(volume.dims(), volume.samples().type_name()).check(&found).is_ok()
+    attributes(&found).is_some_and(|known| {
+        known.reference.is_some()
+            && known.reference == volume.samples().place()
+            && known.frames(volume)
+            && array(volume.dims(), volume.samples().type_name()).check(&found).is_ok()
+    })
+}
+
+/// Why the metadata of an array cannot stay for a volume whose content is that of the store; none where they can. Names and notes may
+/// differ, and a file that holds the same samples may be another one where a copy is at hand.
+pub(super) fn wrong(found: &Value, volume: &Volume) -> Option<&'static str> {
+    let type_name = volume.samples().type_name();
+    let is_array = array(volume.dims(), type_name).check(found).is_ok();
+    let Some(known) = attributes(found).filter(|known| is_array && known.frames(volume)) else {
+        return Some("damaged");
+    };
+    let place = known.reference.filter(|place| volume.samples().place().as_ref() != Some(place))?;
+    if volume.by_reference {
+        return Some("of another file");
+    }
+    let same = samples_at(&place, type_name, volume.samples().len(), true);
+    let is_same = same.is_ok_and(|samples| samples.bytes() == volume.samples().bytes());
+    (!is_same).then_some("of a file that is not there or holds other samples")
+}
+
+/// Says where the samples stay, if that is not how the volume is to be kept.
+pub(super) fn differs(found: &Value, volume: &Volume) -> Option<String> {
+    match (reference(found), volume.by_reference) {
+        (Some(place), false) => Some(format!(
+            "the samples stay in {}, which the store names: --store-volume copy is for a store that is made, or made anew with --force",
+            place.file.display()
+        )),
+        (None, true) => Some(
+            "the store keeps its copy of the samples: --store-volume reference is for a store that is made, or made anew with --force"
+                .into(),
+        ),
+        _ => None,
+    }
 }
 
 /// Writes the samples as chunks of the array at `key`, unless it refers to their file.
 ///
 /// # Errors
-/// When the system refuses to write.
+/// When the system refuses to write; when another program has written the file of the samples meanwhile.
 pub(super) fn write(backing: &Backing, key: &str, volume: &Volume, sync: bool) -> Result<()> {
-    if volume.by_reference {
-        return volume.check_reference();
+    if !volume.by_reference {
+        for_each_chunk(volume.dims(), |index, start, size| {
+            backing.put(&chunk_key(key, index), sync, &chunk_bytes(volume, start, size))
+        })?;
     }
-    for_each_chunk(volume.dims(), |index, start, size| {
-        backing.put(&chunk_key(key, index), sync, &chunk_bytes(volume, start, size))
-    })
+    volume.samples().check()
 }
 
 /// A chunk of the array as it stands in its file.
@@ -195,7 +243,7 @@ fn chunk_bytes(volume: &Volume, start: [usize; 3], size: [usize; 3]) -> Vec<u8> 
 /// to their file.
 ///
 /// # Errors
-/// When the system refuses.
+/// When the system refuses; when another program has written the file of the samples meanwhile.
 pub(super) fn mend(backing: &Backing, key: &str, volume: &Volume, sync: bool) -> Result<u64> {
     let mut mended = 0;
     if super::metadata::required_json(backing, &format!("{key}/zarr.json"))
@@ -211,6 +259,7 @@ pub(super) fn mend(backing: &Backing, key: &str, volume: &Volume, sync: bool) ->
         }
         Ok(())
     })?;
+    volume.samples().check()?;
     Ok(mended)
 }
 
@@ -284,7 +333,9 @@ pub(super) fn read(backing: &Backing, key: &str, dims: [usize; 3]) -> Result<Vol
     let solid = [Solid::Above, Solid::Below].into_iter().find(|s| solid_name(*s) == solid);
     let solid = solid.ok_or_else(|| wrong("another `solid`".into(), "`solid`: above or below"))?;
     let samples = match data_type {
-        _ if let Some(place) = &reference => samples_at(place, data_type, dims.iter().product(), backing.maps())?,
+        _ if let Some(place) = &reference => {
+            samples_at(place, data_type, dims.iter().product(), backing.maps_samples())?
+        }
         "uint8" => Samples::U8(samples(backing, key, dims)?),
         "int8" => Samples::I8(samples(backing, key, dims)?),
         "uint16" => Samples::U16(samples(backing, key, dims)?),

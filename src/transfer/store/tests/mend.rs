@@ -1,6 +1,6 @@
 //! Stores of other formats, moved ones, and those whose metadata was lost.
 
-use super::super::metadata::{nodes_of, sealed};
+use super::super::metadata::{nodes_of, sealed, unsealed};
 use super::super::zarr::{MOST_SLOTS, STAMP, tail_length};
 use super::*;
 use crate::file::Stamp;
@@ -267,14 +267,16 @@ fn a_store_may_refer_to_the_file_of_its_volume() {
     fs::write(&file, &content).unwrap();
     let written = fs::metadata(&file).unwrap().modified().unwrap();
     let store = Store::create(&path, &in_file(&file), &identity(), provenance()).unwrap();
+    // Without consent nothing of a user is mapped.
+    let read = store.volume().unwrap();
+    assert_eq!((read.samples(), read.by_reference), (volume().samples(), false));
+    assert!(read.samples().bytes_owned() > 0);
+    let store = store.map_samples(true);
     let array = path.join("volumes/a_b__/data");
     assert!(!array.join("c").exists());
     let found = store.volume().unwrap();
     assert_eq!((found.samples(), found.samples().bytes_owned()), (volume().samples(), 0));
     assert_eq!((found.content_hash(), found.by_reference), (volume().content_hash(), true));
-    let read = Store::open_unmapped(&path).unwrap().volume().unwrap();
-    assert_eq!((read.samples(), read.by_reference), (volume().samples(), false));
-    assert!(read.samples().bytes_owned() > 0);
     // Another bake goes on without a look at all samples; one of a copied volume keeps what the store has.
     let reopen = |volume: &Volume| StoreOptions::default().open_or_create(&path, volume, &identity(), provenance());
     assert!(reopen(&in_file(&file)).unwrap().mended().is_empty());
@@ -293,7 +295,9 @@ fn a_store_may_refer_to_the_file_of_its_volume() {
     assert_eq!(changed.content_hash(), volume().content_hash());
     assert!(store.volume().is_ok());
     let refused = store.volume_verified(true).unwrap_err().to_string();
-    assert!(refused.contains("BLAKE3"), "{refused}");
+    assert!(refused.contains("BLAKE3") && refused.contains("samples.raw"), "{refused}");
+    // Read as a whole they are compared.
+    assert!(Store::open(&path).unwrap().volume().is_err());
 
     // Cut, written since, or gone: refused by name with what to do.
     let refuses = |found: &str| {
@@ -326,4 +330,148 @@ fn a_store_may_refer_to_the_file_of_its_volume() {
     let refused = Store::create(directory.path().join("own"), &own, &identity(), provenance()).unwrap_err().to_string();
     assert!(refused.contains("--store-volume"), "{refused}");
     assert!(!directory.path().join("own").exists());
+}
+
+/// Whatever a store that names a file says wrongly, the same bake puts it right from a file with these samples, or from a copy.
+#[test]
+fn a_reference_to_other_samples_is_mended() {
+    let directory = tempfile::tempdir().unwrap();
+    let place = |name: &str| directory.path().join(name);
+    let content = [&b"header"[..], volume().samples().bytes()].concat();
+    let mut other = content.clone();
+    other[6] ^= 1;
+    let (file, path) = (place("samples.raw"), place("r.isolume"));
+    let write = |file: &Path, content: &[u8], time| {
+        fs::write(file, content).unwrap();
+        fs::File::options().write(true).open(file).unwrap().set_modified(time).unwrap();
+    };
+    let time = std::time::SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(1_700_000_000);
+    let reopen = |volume: &Volume| StoreOptions::default().open_or_create(&path, volume, &identity(), provenance());
+    let verified = || Store::open(&path).unwrap().map_samples(true).volume_verified(true).map(|v| v.content_hash());
+    for way in ["file", "copy"] {
+        let _ = fs::remove_dir_all(&path);
+        write(&file, &content, time);
+        Store::create(&path, &in_file(&file), &identity(), provenance()).unwrap();
+        assert_eq!(verified().unwrap(), volume().content_hash());
+        write(&file, &other, time);
+        assert!(verified().is_err());
+        let right = place("right.raw");
+        fs::write(&right, &content).unwrap();
+        let at_hand = if way == "file" { in_file(&right) } else { volume() };
+        let mended = reopen(&at_hand).unwrap();
+        assert!(mended.mended()[0].contains("data/zarr.json"), "{way}: {:?}", mended.mended());
+        assert_eq!(verified().unwrap(), volume().content_hash(), "{way}");
+        assert_eq!(mended.samples_file(), (way == "file").then(|| right.canonicalize().unwrap()));
+        assert!(reopen(&at_hand).unwrap().mended().is_empty(), "{way}");
+    }
+}
+
+/// Rewrites what the samples of a store say of themselves, with a sound hash.
+fn reseal(path: &Path, change: impl Fn(&mut Value)) {
+    let key = path.join("volumes/a_b__/data/zarr.json");
+    let mut node: Value = serde_json::from_slice(&fs::read(&key).unwrap()).unwrap();
+    let mut attributes = unsealed(&node).unwrap();
+    change(&mut attributes);
+    node["attributes"] = sealed(attributes);
+    fs::write(&key, node.to_string()).unwrap();
+}
+
+#[test]
+fn the_frame_of_samples_is_compared_whether_they_are_copied_or_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("samples.raw");
+    fs::write(&file, [&b"header"[..], volume().samples().bytes()].concat()).unwrap();
+    let (copied, named) = (volume(), in_file(&file));
+    for (name, volume) in [("copied", &copied), ("named", &named)] {
+        let path = directory.path().join(name);
+        Store::create(&path, volume, &identity(), provenance()).unwrap();
+        let whole = files(&path);
+        let reopen = || StoreOptions::default().open_or_create(&path, volume, &identity(), provenance()).unwrap();
+        let changes: [fn(&mut Value); 3] =
+            [|a| a["affine"][0][3] = json!(7.0), |a| a["slope"] = json!(0.2), |a| a["inter"] = json!(0.5)];
+        for change in changes {
+            reseal(&path, change);
+            assert!(Store::open(&path).unwrap().map_samples(true).volume_verified(true).is_err(), "{name}");
+            let recognised = in_file(&file);
+            Store::recognise(&path, &recognised);
+            assert_eq!(recognised.content_hash(), volume.content_hash(), "{name}");
+            // Its line, and that of the copy in the root, which was right.
+            assert!(reopen().mended()[0].contains("damaged"), "{name}");
+            assert!(files(&path) == whole, "{name}");
+        }
+        // What does not matter to light may differ.
+        reseal(&path, |a| a["name"] = json!("another"));
+        assert!(!reopen().mended().iter().any(|line| line.contains("data/zarr.json")), "{name}");
+    }
+}
+
+#[test]
+fn a_path_that_a_store_cannot_name_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("samples.raw");
+    fs::write(&file, [&b"header"[..], volume().samples().bytes()].concat()).unwrap();
+    let path = directory.path().join("r.isolume");
+    Store::create(&path, &in_file(&file), &identity(), provenance()).unwrap();
+    let climbing = format!("{}/x/../samples.raw", directory.path().display());
+    for wrong in ["samples.raw", "../samples.raw", &climbing] {
+        reseal(&path, |a| a["reference"]["file"] = json!(wrong));
+        for maps in [false, true] {
+            let text = Store::open(&path).unwrap().map_samples(maps).volume().unwrap_err().to_string();
+            assert!(text.contains(wrong) && text.contains("an absolute path"), "{text}");
+        }
+        let mended = StoreOptions::default().open_or_create(&path, &in_file(&file), &identity(), provenance());
+        assert_eq!(mended.unwrap().samples_file(), Some(file.canonicalize().unwrap()));
+    }
+    // A file that is gone, though its samples are still there to be read.
+    let gone = in_file(&file);
+    fs::rename(&file, directory.path().join("moved.raw")).unwrap();
+    let text = Store::create(directory.path().join("gone"), &gone, &identity(), provenance()).unwrap_err().to_string();
+    assert!(text.contains("moved") && text.contains("--store-volume"), "{text}");
+    #[cfg(target_os = "linux")]
+    {
+        use std::os::unix::ffi::OsStrExt;
+        let odd = directory.path().join(std::ffi::OsStr::from_bytes(b"s\xff.raw"));
+        fs::write(&odd, [&b"header"[..], volume().samples().bytes()].concat()).unwrap();
+        let new = directory.path().join("odd");
+        let text = Store::create(&new, &in_file(&odd), &identity(), provenance()).unwrap_err().to_string();
+        assert!(text.contains("UTF-8") && text.contains("rename") && !new.exists(), "{text}");
+    }
+}
+
+#[test]
+fn who_packs_a_store_copies_the_samples_that_it_names() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("samples.raw");
+    let content = [&b"header"[..], volume().samples().bytes()].concat();
+    fs::write(&file, &content).unwrap();
+    let path = directory.path().join("r.isolume");
+    let store = Store::create(&path, &in_file(&file), &identity(), provenance()).unwrap().map_samples(true);
+    assert_eq!(store.notes().unwrap().len(), 1);
+    assert!(store.keeps_otherwise(&volume()).is_some_and(|text| text.contains("samples.raw")));
+    assert!(store.keeps_otherwise(&in_file(&file)).is_none());
+    // A merge names the same file.
+    let merged = directory.path().join("m.isolume");
+    StoreOptions::default().merge(&[Store::open(&path).unwrap().map_samples(true)], &merged).unwrap();
+    assert_eq!(Store::open(&merged).unwrap().samples_file(), store.samples_file());
+    let packed = directory.path().join("p.isolume");
+    StoreOptions::default().pack(&store, &packed, PackError::Relative(0.01)).unwrap();
+    // Neither takes other samples.
+    let time = fs::metadata(&file).unwrap().modified().unwrap();
+    let mut other = content;
+    other[6] ^= 1;
+    fs::write(&file, other).unwrap();
+    fs::File::options().write(true).open(&file).unwrap().set_modified(time).unwrap();
+    let new = directory.path().join("new");
+    assert!(StoreOptions::default().pack(&store, &new, PackError::Relative(0.01)).is_err() && !new.exists());
+    assert!(StoreOptions::default().merge(&[store], &new).is_err() && !new.exists());
+    fs::remove_file(&file).unwrap();
+    let packed = Store::open(&packed).unwrap();
+    assert_eq!((packed.samples_file(), packed.notes().unwrap()), (None, Vec::new()));
+    assert_eq!(packed.volume().unwrap().content_hash(), volume().content_hash());
+    let mut named = volume();
+    named.by_reference = true;
+    assert!(packed.keeps_otherwise(&named).is_some_and(|text| text.contains("keeps its copy")));
+    let nothing = |_: &Volume, _: &Holdings| crate::transfer::Selection::empty(layout().lattice);
+    let found = diagnose(&packed, &nothing).unwrap().findings;
+    assert!(found.iter().all(|f| !f.is_damage()), "{found:?}");
 }
