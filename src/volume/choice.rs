@@ -238,6 +238,28 @@ pub struct Series {
     pub level: usize,
 }
 
+impl Series {
+    /// What the file has several of, one after the other: what it is, those that there are with their numbers or names (of series one a line),
+    /// and the option that chooses one.
+    pub(crate) fn choices(&self) -> Vec<(&'static str, String, &'static str)> {
+        let numbered = |(i, text): (usize, String)| format!("{i} {text}").trim_end().to_string();
+        let list = |items: &[String], by| items.iter().cloned().enumerate().map(numbered).collect::<Vec<_>>().join(by);
+        let level = |(i, [x, y, z]): (usize, &[u64; 3])| format!("{i}: {x} × {y} × {z}");
+        let levels = self.levels.iter().enumerate().map(level).collect::<Vec<_>>().join(", ");
+        let all = [
+            ("channels", self.channels.len(), list(&self.channels, ", "), "channel"),
+            ("arrays", self.arrays.len(), self.arrays.join(", "), "array"),
+            ("series", self.scans.len(), list(&self.scans, "\n"), "series"),
+            ("levels", self.levels.len(), levels, "level"),
+            ("time points", self.timepoints, format!("0 to {}", self.timepoints.saturating_sub(1)), "timepoint"),
+        ];
+        all.into_iter()
+            .filter(|(_, count, ..)| *count > 1)
+            .map(|(what, _, list, option)| (what, list, option))
+            .collect()
+    }
+}
+
 /// What a format has several of.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Has {

@@ -10,8 +10,8 @@ use crate::file::file_name;
 use crate::inspect::{StoreFacts, VolumeFacts, solid_text};
 use crate::scene::Member;
 use crate::transfer::store::is_store;
+use crate::volume::Volume;
 use crate::volume::isovalue::Chosen;
-use crate::volume::{Series, Volume};
 use std::time::Duration;
 
 /// Show what is in a volume or a transfer store
@@ -72,27 +72,9 @@ impl Info {
                 ),
             ));
         }
-        if let Some(text) = channels_text(&volume.series) {
-            rows.push(row("channels", text));
-        }
-        if volume.series.arrays.len() > 1 {
-            rows.push(row("arrays", format!("{}; choose with --array", volume.series.arrays.join(", "))));
-        }
-        if volume.series.scans.len() > 1 {
-            for (i, scan) in volume.series.scans.iter().enumerate() {
-                let title = if i == 0 { "series" } else { "" };
-                rows.push(row(title, format!("{i} {scan}")));
-            }
-            rows.push(row("", "choose with --series".into()));
-        }
-        if volume.series.levels.len() > 1 {
-            let one = |(i, [x, y, z]): (usize, &[u64; 3])| format!("{i}: {x} × {y} × {z}");
-            let list = volume.series.levels.iter().enumerate().map(one).collect::<Vec<_>>().join(", ");
-            rows.push(row("levels", format!("{list}; choose with --level")));
-        }
-        if volume.series.timepoints > 1 {
-            let last = volume.series.timepoints - 1;
-            rows.push(row("time points", format!("0 to {last}; choose with --timepoint")));
+        for (what, list, option) in volume.series.choices() {
+            let list = format!("{list}; choose with --{option}");
+            rows.extend(list.lines().enumerate().map(|(i, line)| row(if i == 0 { what } else { "" }, line.into())));
         }
         for note in &volume.notes {
             rows.push(row("note", note.text.clone()));
@@ -128,13 +110,6 @@ fn isovalue_rows(chosen: &Chosen) -> Vec<Vec<String>> {
     }
     rows.extend(chosen.warning.iter().map(|warning| row("warning", warning.clone())));
     rows
-}
-
-/// `0 DAPI, 1 GFP`, where there are several.
-fn channels_text(series: &Series) -> Option<String> {
-    let one = |(i, name): (usize, &String)| format!("{i} {name}").trim_end().to_string();
-    let list = series.channels.iter().enumerate().map(one).collect::<Vec<_>>().join(", ");
-    (series.channels.len() > 1).then(|| format!("{list}; choose with --channel"))
 }
 
 fn volume_rows(volume: &Volume) -> Vec<Vec<String>> {
