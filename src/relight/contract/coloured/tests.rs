@@ -111,11 +111,11 @@ fn radiance_is_that_of_the_definition_to_the_bit() {
 }
 
 /// Grey transfer in three equal channels has the noise of grey transfer: they are one model. Cases are those in which the
-/// two tails agree, since that of a volume alone takes its ratio from the transfer itself: one layer; nobody survives;
-/// and a ratio that is 0 because nothing escapes in the layer before the last, while some survive that.
+/// the noise of a volume alone has nothing of the ratio of its tail, which scenes take from another group: one layer; nobody survives;
+/// and nothing escapes in the last layer, while some survive it.
 #[test]
 fn equal_channels_have_the_noise_of_grey_transfer() {
-    for (bands, shares) in [(&[5][..], [0.4, 0.0, 0.0]), (&[5, 4], [0.5, 0.625, 0.0]), (&[3, 2, 2], [0.5, 0.0, 0.25])] {
+    for (bands, shares) in [(&[5][..], [0.4, 0.0, 0.0]), (&[5, 4], [0.5, 0.625, 0.0]), (&[3, 2, 2], [0.5, 0.25, 0.0])] {
         let layers = Layers::new(bands.to_vec()).unwrap();
         let fill = |channels: usize| {
             let layers = layers.clone();
