@@ -97,7 +97,8 @@ pub fn root_on_segment(tree: &Tree, iso: f64, [start, end]: [DVec3; 2], values: 
         // A slope of 0 gives no number.
         let is_inside = next >= ends[0] && next <= ends[1];
         if width <= NARROW || evaluations >= MOST {
-            t = if is_inside { next } else { middle };
+            // Rounding may put it a little beside.
+            t = if next.is_finite() { next.clamp(ends[0], ends[1]) } else { middle };
             break;
         }
         // A short step alone says nothing of the root: the field may be flat here, or steep. It is made long enough to pass the

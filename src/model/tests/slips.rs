@@ -82,8 +82,9 @@ fn slip_contact_bulge_is_a_square_times_a_line() {
     };
     near(slope(0.0), 0.7, 1e-15);
     near(slope(0.25), 0.0, 1e-14);
-    near(slope(0.25 + 1e-13), 0.0, 1e-11);
-    near(slope(0.5 - 1e-13), 0.0, 1e-11);
+    // Between neighbouring numbers of the two branches, and at the end.
+    near(slope(0.25f64.next_up()), 0.0, 1e-14);
+    near(slope(0.5f64.next_down()), 0.0, 1e-14);
 }
 
 use scalar::{Dual, Scalar};
@@ -95,10 +96,8 @@ fn slip_contact_gives_way_to_the_other_body() {
         [point(DVec3::new(-0.4, 0.0, 0.0), 1.0, Falloff::Soft), point(DVec3::new(0.3, 0.0, 0.0), 0.9, Falloff::Wyvill)];
     let trees = bodies.clone().map(tree);
     let bounds = Bounds { min: DVec3::splat(-1.5), max: DVec3::splat(1.5) };
-    let of = |show| {
-        let contact = Contact::new(0.5, 0.3, 1.0, show, [&trees[0], &trees[1]], &bounds);
-        tree(Node::of(Op::Contact(contact.into()), bodies.to_vec()))
-    };
+    let made = |show| Contact::new(0.5, 0.3, 1.0, show, [&trees[0], &trees[1]], &bounds);
+    let of = |show| tree(Node::of(Op::Contact(made(show).into()), bodies.to_vec()));
     let shown = [of(Show::First), of(Show::Second)];
     // F₁ = F₂ = c where f₁ = f₂, inside of both.
     let (mut low, mut high) = (-0.1, 0.2);
@@ -120,10 +119,24 @@ fn slip_contact_gives_way_to_the_other_body() {
     }
     let at = |s: f64| shown[0].value_and_gradient(centre + (low + s) * direction);
     assert!(trees[0].value(centre + low * direction) > 0.5, "the foot is inside of the first body");
-    let step = 1e-9;
-    let (before, after) = (at(-step), at(step));
-    near(before.0, after.0, 1e-8);
-    assert!((before.1 - after.1).length() < 1e-6, "{before:?} {after:?}");
+    // Between neighbouring numbers; in closed form ∇F₁ is ∇f₁ − ∇f₂ on both sides.
+    let ((inside, slope), (outside, beyond)) = (at(0.0), at(high - low));
+    let [own, other] = [0, 1].map(|i: usize| trees[i].value_and_gradient(centre + low * direction).1);
+    near(inside, outside, 1e-12);
+    assert!((slope - (own - other)).length() < 1e-12 && (beyond - slope).length() < 1e-12, "{slope} {beyond}");
+    // At half the width the bulge is as high as it gets, and flat; at the width it ends. Along a ray of the other body, which is
+    // round, ϱ is the distance to it, and k is the same everywhere. Far from the first body the bulge fades.
+    let (k, height) = (other.length(), made(Show::First).height[0]);
+    let width = f64::min(0.3, 6.0 * height / k);
+    for (part, bulge) in [(0.5, height), (1.0, 0.0)] {
+        let [near_side, far_side] = [1.0 - 1e-14, 1.0 + 1e-14].map(|by| at(part * width * by));
+        let (value, gradient) = trees[0].value_and_gradient(centre + (low + part * width) * direction);
+        near(near_side.0, value + bulge, 1e-12);
+        near(far_side.0, value + bulge, 1e-12);
+        for (_, slope) in [near_side, far_side] {
+            assert!((slope - gradient).length() < 1e-12, "{slope} for {gradient} at {part} of {width}");
+        }
+    }
 }
 
 /// The sign of a distance from the plane of the nearest triangle is wrong beside edges and vertices.
