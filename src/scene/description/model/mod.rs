@@ -4,6 +4,7 @@
 mod leaves;
 mod molecule;
 mod operators;
+mod sampled;
 
 #[cfg(test)]
 mod tests;
