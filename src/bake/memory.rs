@@ -30,15 +30,15 @@ pub fn crossed_cells(volume: &Volume, isovalues: &[f64]) -> Vec<u64> {
     isovalues.iter().step_by(stride).map(|&c| count_straddling_cells(volume, c)).collect()
 }
 
-/// About the bytes that a bake of these isovalues, or of all, needs by so many threads: the field, and what is held at one time of sets
-/// of texels (a bit each), meshes (of a bake at vertices all of them) and chunks in work, as they are and as they were. Isovalues are
-/// how many, with [`crossed_cells`].
+/// About the bytes that a bake of these isovalues, or of all, needs by so many threads, or those of this process: the field, and what is
+/// held at one time of sets of texels (a bit each), meshes (of a bake at vertices all of them) and chunks in work, as they are and as
+/// they were. Isovalues are how many, with [`crossed_cells`].
 pub fn bytes_of_bake(
     volume: &Volume,
     layout: &Layout,
     isovalues: Option<(usize, &[u64])>,
     at_vertices: bool,
-    threads: usize,
+    threads: Option<usize>,
 ) -> u64 {
     let texels: u64 = layout.lattice.texels().iter().map(|&m| m as u64).product();
     let chunk = 64 * BRICK_TEXELS as u64 * bytes_of_texel(&layout.layers);

@@ -355,12 +355,16 @@ impl<'a> Request<'a> {
     /// About the bytes that the bake needs, groups and partners of its scene included.
     #[doc(hidden)]
     pub fn bytes_needed(&self) -> u64 {
-        self.bytes_needed_by(rayon::current_num_threads())
+        self.forecast(None)
     }
 
     /// The same where it runs on so many threads.
     #[doc(hidden)]
     pub fn bytes_needed_by(&self, threads: usize) -> u64 {
+        self.forecast(Some(threads))
+    }
+
+    fn forecast(&self, threads: Option<usize>) -> u64 {
         let isovalues = self.isovalues.as_ref().map(|list| (list.len(), self.crossed(list)));
         let isovalues = isovalues.as_ref().map(|(count, crossed)| (*count, &crossed[..]));
         let needed = bytes_of_bake(self.volume, &self.layout, isovalues, self.surfaces, threads);

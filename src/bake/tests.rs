@@ -149,5 +149,5 @@ fn the_forecast_is_of_the_isovalues_that_are_asked_about() {
     assert_eq!(first.bytes_needed_by(1), before);
     let cells = crossed_cells(&volume, &[-0.6, -0.4, -0.2]);
     assert!(cells.iter().all(|&count| count > 0), "{cells:?}");
-    assert_eq!(longer.bytes_needed_by(1), bytes_of_bake(&volume, &longer.layout, Some((3, &cells)), true, 1));
+    assert_eq!(longer.bytes_needed_by(1), bytes_of_bake(&volume, &longer.layout, Some((3, &cells)), true, Some(1)));
 }

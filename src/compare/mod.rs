@@ -156,7 +156,7 @@ impl Comparison {
         let most = error.percentile_95 * mean;
         let each = self.at_points.iter().zip(&self.reference_errors);
         let is_within = |([stored, truth], s): (&[[f64; 3]; 2], &[f64; 3]), c: usize| {
-            (stored[c] - truth[c]).abs() <= most.hypot(1.96 * s[c])
+            (stored[c] - truth[c]).abs() <= (most * most + (1.96 * s[c]).powi(2)).sqrt()
         };
         let within = each.map(|point| (0..3).filter(|&c| is_within(point, c)).count()).sum::<usize>();
         let covered = within as f64 / (3 * self.at_points.len()).max(1) as f64;

@@ -41,7 +41,7 @@ impl Estimate {
         let crossed = crossed_cells(volume, &[isovalue]);
         let bytes = |s: Selection| data + s.bricks().len() as u64 * BRICK_TEXELS as u64 * texel;
         Ok(Self {
-            memory: bytes_of_bake(volume, &layout, Some((1, &crossed)), true, rayon::current_num_threads()),
+            memory: bytes_of_bake(volume, &layout, Some((1, &crossed)), true, None),
             all: bytes(Selection::of_all_isosurfaces(lattice, volume)),
             one: bytes(texels_of_isosurface(volume, lattice, isovalue)),
         })

@@ -231,8 +231,7 @@ impl Job<'_> {
     fn light_store<E>(&self, host: &Host<'_, E>) -> Result<Relit> {
         self.how.volume.refuse_for("a store")?;
         self.refuse_effects_of_bakes()?;
-        let store = Store::open(self.input)?.map_samples(self.how.volume.choice.map);
-        store.notes()?.iter().for_each(|note| (host.note)(note));
+        let store = Store::open_telling(self.input, self.how.volume.choice.map, host.note)?;
         if store.identity().scene.as_ref().is_some_and(|scene| scene.coupling.is_some()) {
             self.how.volume.refuse_exact_of_several()?;
             return self.light_members(&store, None, 0, host);

@@ -8,9 +8,9 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Most chunks that so many threads hold at a time: each may work on another, and one is being handed on.
-pub(crate) fn most_in_work(threads: usize) -> usize {
-    threads + 1
+/// Most chunks that so many threads, or those of this process, hold at a time: each may work on another, and one is being handed on.
+pub(crate) fn most_in_work(threads: Option<usize>) -> usize {
+    threads.unwrap_or_else(rayon::current_num_threads) + 1
 }
 
 /// What makes the output of a brick: from a scratch of its thread, what is there of its chunk, its index in the lattice, and

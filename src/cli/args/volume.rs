@@ -45,8 +45,7 @@ pub(in crate::cli) struct VolumeArgs {
     /// Read files that lie outside the folder of the file that names them (NRRD `data file`, raw sidecars)
     #[arg(long)]
     pub(in crate::cli) allow_outside: bool,
-    /// Read the whole volume into memory where its samples could be read in the file, its own or the one that a store names, which nobody
-    /// may then change meanwhile
+    /// Read the whole volume into memory where its samples could be read in a file (its own, or one that a store names), which must not change
     #[arg(long)]
     pub(in crate::cli) no_map: bool,
     /// Front of views and of glTF: -y of the file where z is up, or anterior [default: anatomical for NIfTI with a

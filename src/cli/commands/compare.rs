@@ -6,13 +6,12 @@ use crate::cli::args::photons::PhotonArgs;
 use crate::cli::failure::Outcome;
 use crate::cli::present::comparison;
 use crate::cli::present::console::Console;
-use crate::cli::present::lent::open_store;
 use crate::compare::{Asked, Compared, Subject, subjects};
 use crate::export::inputs::Inputs;
 use crate::probe::{EnvFrame, SunSplit};
 use crate::scene::{Effects, Fog, NamedIsovalue, Scene, SceneFile, VolumeOptions, open_probe};
 use crate::session::{LuminaireFactor, check_factors};
-use crate::transfer::store::check_store;
+use crate::transfer::store::{Store, check_store};
 use serde_json::json;
 use std::time::Instant;
 
@@ -114,7 +113,7 @@ impl Compare {
         let file = self.scene.as_deref().map(SceneFile::read).transpose()?;
         let read = self.env.iter().chain([&self.input]).chain(&self.scene);
         self.pictures.refuse(&Inputs::new(read))?;
-        let store = open_store(&self.input, true, console)?;
+        let store = Store::open_telling(&self.input, true, |note| console.note(note))?;
         let mut scene = file.map(|f| f.open(&VolumeOptions::default(), &Effects::default())).transpose()?;
         if let Some(name) = &self.fixed_env {
             let mut alone = Scene::of(store.volume()?).with_added(self.fog, None, &Effects::default())?;

@@ -3,7 +3,6 @@
 use crate::cli::args::light::{LightArgs, MaterialArgs, by_option};
 use crate::cli::failure::Outcome;
 use crate::cli::present::console::Console;
-use crate::cli::present::lent::open_store;
 use crate::cli::present::text;
 use crate::error::Error;
 use crate::export::field::FieldFormat;
@@ -13,7 +12,7 @@ use crate::probe::SunSplit;
 use crate::relight::Material;
 use crate::scene::{MaterialRule, open_probe};
 use crate::session::{Lighting, RelitField};
-use crate::transfer::store::{Completeness, check_store};
+use crate::transfer::store::{Completeness, Store, check_store};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -47,7 +46,7 @@ pub(in crate::cli) struct Export {
 impl Export {
     pub(in crate::cli) fn run(&self, console: &Console) -> Outcome {
         let format = self.check()?;
-        let store = open_store(&self.input, true, console)?;
+        let store = Store::open_telling(&self.input, true, |note| console.note(note))?;
         let store = match &self.volume {
             Some(name) => store.of_volume(name)?,
             None => store,

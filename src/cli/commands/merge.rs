@@ -2,11 +2,10 @@
 
 use crate::cli::failure::Outcome;
 use crate::cli::present::console::Console;
-use crate::cli::present::lent::open_store;
 use crate::cli::present::text;
-use crate::error::Result;
+use crate::error::Error;
 use crate::file::{file_name, size_on_disk};
-use crate::transfer::store::StoreOptions;
+use crate::transfer::store::{Store, StoreOptions};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -33,7 +32,8 @@ pub(in crate::cli) struct Merge {
 
 impl Merge {
     pub(in crate::cli) fn run(&self, console: &Console) -> Outcome {
-        let sources = self.inputs.iter().map(|path| open_store(path, true, console)).collect::<Result<Vec<_>>>()?;
+        let open = |path| Store::open_telling(path, true, |note| console.note(note));
+        let sources = self.inputs.iter().map(open).collect::<Result<Vec<_>, Error>>()?;
         let options = StoreOptions::default().sync(!self.no_sync);
         let (_, reports) = options.merge(&sources, &self.output)?;
         let mut rows = vec![["store", "chunks taken", "chunks that brought nothing"].map(String::from).to_vec()];

@@ -2,7 +2,6 @@
 
 use crate::cli::failure::Outcome;
 use crate::cli::present::console::Console;
-use crate::cli::present::lent::open_store;
 use crate::cli::present::text;
 use crate::error::Result;
 use crate::file::{file_name, size_on_disk};
@@ -36,7 +35,7 @@ pub(in crate::cli) struct Pack {
 
 impl Pack {
     pub(in crate::cli) fn run(&self, console: &Console) -> Outcome {
-        let source = open_store(&self.input, true, console)?;
+        let source = Store::open_telling(&self.input, true, |note| console.note(note))?;
         let options = StoreOptions::default().sync(!self.no_sync);
         let (_, report) = options.pack(&source, &self.output, self.error)?;
         let sizes = [&self.input, &self.output].map(|path| size_on_disk(path));

@@ -2,12 +2,11 @@
 
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::present::console::Console;
-use crate::cli::present::lent::open_store;
 use crate::cli::present::text;
 use crate::error::Error;
 use crate::finding::Finding;
 use crate::inspect::diagnose_volumes;
-use crate::transfer::store::Diagnosis;
+use crate::transfer::store::{Diagnosis, Store};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -36,20 +35,20 @@ impl Verify {
         let (mut rows, mut bad) = (Vec::new(), Vec::new());
         for path in &self.inputs {
             let name = path.display().to_string();
-            let (found, chunks, sound) =
-                match open_store(path, true, console).and_then(|store| diagnose_volumes(&store)) {
-                    Ok(all) => {
-                        let sum = |of: fn(&Diagnosis) -> u64| all.iter().map(of).sum::<u64>();
-                        let (chunks, sound) = (sum(|d| d.chunks), sum(|d| d.sound));
-                        let findings: Vec<Finding> = all.into_iter().flat_map(|d| d.findings).collect();
-                        (findings, chunks, sound)
-                    }
-                    Err(error @ (Error::Format { .. } | Error::Limit { .. })) => {
-                        let found = Finding::new("damaged metadata", (1, 0, "files"), error.to_string(), "");
-                        (vec![found.damage()], 0, 0)
-                    }
-                    Err(other) => return Err(other.into()),
-                };
+            let opened = Store::open_telling(path, true, |note| console.note(note));
+            let (found, chunks, sound) = match opened.and_then(|store| diagnose_volumes(&store)) {
+                Ok(all) => {
+                    let sum = |of: fn(&Diagnosis) -> u64| all.iter().map(of).sum::<u64>();
+                    let (chunks, sound) = (sum(|d| d.chunks), sum(|d| d.sound));
+                    let findings: Vec<Finding> = all.into_iter().flat_map(|d| d.findings).collect();
+                    (findings, chunks, sound)
+                }
+                Err(error @ (Error::Format { .. } | Error::Limit { .. })) => {
+                    let found = Finding::new("damaged metadata", (1, 0, "files"), error.to_string(), "");
+                    (vec![found.damage()], 0, 0)
+                }
+                Err(other) => return Err(other.into()),
+            };
             let counts = |f: &&Finding| f.is_damage() || self.complete && UNFINISHED.contains(&f.topic);
             let wrong: Vec<&Finding> = found.iter().filter(counts).collect();
             let state = if wrong.is_empty() { "sound" } else { "NOT sound" };

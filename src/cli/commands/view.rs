@@ -6,7 +6,7 @@ use crate::cli::args::volume::VolumeArgs;
 use crate::cli::commands::cache::ready;
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::present::console::Console;
-use crate::cli::present::lent::{details, filler, open_store};
+use crate::cli::present::lent::{details, filler};
 use crate::cli::present::text;
 use crate::error::Error;
 use crate::export::atomic;
@@ -133,12 +133,13 @@ impl View {
     fn store(&self, seed: u64, console: &Console) -> Outcome<(Store, Option<f64>, Option<InUse>)> {
         if is_store(&self.input) || self.input.ends_with(".isolume") {
             check_store(&self.input)?;
-            self.volume.options().refuse_for("a store")?;
             if self.all_isovalues {
                 let remedy = "leave it out: a store shows what it holds";
                 return Err(Error::argument("--all-isovalues", "with a store", "a scene", remedy).into());
             }
-            return Ok((self.choose(open_store(&self.input, !self.volume.no_map, console)?, console)?, None, None));
+            self.volume.options().refuse_for("a store")?;
+            let store = Store::open_telling(&self.input, !self.volume.no_map, |note| console.note(note))?;
+            return Ok((self.choose(store, console)?, None, None));
         }
         let mut scene = self.transfer.scene(&self.volume).open(&self.input, self.scene.as_ref())?;
         if let Some(name) = &self.of_volume {

@@ -15,13 +15,6 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::Instant;
 
-/// Opens a store; where it names files of samples, says which.
-pub(in crate::cli) fn open_store(path: impl AsRef<Path>, maps: bool, console: &Console) -> Result<Store> {
-    let store = Store::open(path)?.map_samples(maps);
-    store.notes()?.iter().for_each(|note| console.note(note));
-    Ok(store)
-}
-
 /// Bakes what is missing or damaged into the store at `path`, while the console shows how far it is. `start`: when the
 /// command began.
 pub(in crate::cli) fn fill(

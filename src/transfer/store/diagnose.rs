@@ -62,9 +62,8 @@ pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selecti
                     "relight refuses this store; the bake that made it, run again, restores the samples from the volume's own file"
                 }
                 Some(_) => {
-                    "relight believes the length and the time of the file. Put the file back; or run the bake that made the store again, \
-                     with a file of this name and these samples wherever it is: the store then names that one (--store-volume \
-                     reference), or holds a copy"
+                    "relight looks at the length and the time of that file alone; a bake of a file of this name with these samples, or a \
+                     copy of them, takes its place"
                 }
             };
             findings.push(Finding::new("damaged volume", (1, 1, "volumes"), error.to_string(), handled).damage());
@@ -73,8 +72,8 @@ pub fn diagnose(store: &Store, selection: &dyn Fn(&Volume, &Holdings) -> Selecti
         Err(other) => return Err(other),
     };
     findings.extend(store.samples_file().map(|file| {
-        let handled = "nothing is read of it but by length and time, except here. Who gives the store away gives the file too, or packs \
-                       the store, which copies them";
+        let handled = "its bytes are compared here and by verify, elsewhere its length and time. Who gives the store away gives the file \
+                       as well, or packs the store, which copies them";
         Finding::new("samples elsewhere", (1, 0, "items"), format!("samples are those of {}", file.display()), handled)
     }));
     // The extents first: only all together do they say what should be there.

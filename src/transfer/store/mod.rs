@@ -215,6 +215,17 @@ impl Store {
         self
     }
 
+    /// [`Self::open`] and [`Self::map_samples`]; tells which files samples are read from.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    #[doc(hidden)]
+    pub fn open_telling(path: impl AsRef<Path>, maps: bool, note: impl Fn(&str)) -> Result<Self> {
+        let store = Self::open(path)?.map_samples(maps);
+        store.notes()?.iter().for_each(|text| note(text));
+        Ok(store)
+    }
+
     /// Opens the transfer of one volume.
     fn open_node(backing: Backing, node: &str) -> Result<Self> {
         let env = format!("transfer/{node}/env");

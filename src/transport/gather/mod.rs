@@ -145,7 +145,7 @@ pub fn gather_memory(bake: &Bake<'_>, settings: &GatherSettings) -> u64 {
     // The chunks in work, as they were and as they become.
     let texel = 2 * layers.coefficients() as u64 + 2 * layers.errors() as u64 + 5;
     let of_chunk: usize = lattice.bricks_of_chunk().iter().product();
-    let in_work = bricks.min((most_in_work(rayon::current_num_threads()) * of_chunk) as u64) * BRICK_TEXELS as u64;
+    let in_work = bricks.min((most_in_work(None) * of_chunk) as u64) * BRICK_TEXELS as u64;
     cache + 2 * in_work * texel
 }
 
