@@ -407,7 +407,8 @@ impl SceneFile {
     }
 
     /// The [`file::stamp`] of the file as it was before it was read.
-    pub(crate) fn stamp(&self) -> Option<String> {
+    #[doc(hidden)]
+    pub fn stamp(&self) -> Option<String> {
         self.stamp.clone()
     }
 

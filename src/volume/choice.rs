@@ -241,7 +241,8 @@ pub struct Series {
 impl Series {
     /// What the file has several of, one after the other: what it is, those that there are with their numbers or names (of series one a line),
     /// and the option that chooses one.
-    pub(crate) fn choices(&self) -> Vec<(&'static str, String, &'static str)> {
+    #[doc(hidden)]
+    pub fn choices(&self) -> Vec<(&'static str, String, &'static str)> {
         let numbered = |(i, text): (usize, String)| format!("{i} {text}").trim_end().to_string();
         let list = |items: &[String], by| items.iter().cloned().enumerate().map(numbered).collect::<Vec<_>>().join(by);
         let level = |(i, [x, y, z]): (usize, &[u64; 3])| format!("{i}: {x} × {y} × {z}");
