@@ -78,9 +78,7 @@ pub fn root_on_segment(tree: &Tree, iso: f64, [start, end]: [DVec3; 2], values: 
         if !value.is_finite() {
             return Root { along: None, evaluations };
         }
-        if value == 0.0 {
-            break;
-        }
+        // One that is exactly 0 counts as outside here, too: it may touch the isovalue beside the root.
         let moved = usize::from((value > 0.0) == (signed[1] > 0.0));
         (ends[moved], signed[moved]) = (t, value);
         let other = 1 - moved;
