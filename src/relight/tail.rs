@@ -25,6 +25,10 @@ pub struct Tail {
     per_all: f32,
 }
 
+/// Bounces in the mean beyond which what survives counts as never escaping where it adds emission: so many turns are paths followed
+/// at most, and a few of them do not tell how slowly a room leaks that is all but closed.
+const MOST_BOUNCES: f32 = 1024.0;
+
 impl Tail {
     /// From the chances to escape a_0…a_K; one layer alone has no tail.
     pub fn new(escapes: &[f32]) -> Self {
@@ -66,9 +70,9 @@ impl Tail {
         [0, 1].map(|i| if ratio > 0.0 { slopes[i] } else { 0.0 })
     }
 
-    /// Exitant radiance per emitted radiance, Σ_{k=0}^{K+1} ρ^k S_k + ρ^(K+2) S r/(1 − ρ r), S = S_{K+1}, where some escape after the last
-    /// layer; else all that survive it never do, and bring ρ^(K+2) S/(1 − ρ). And what was left out: for ρ = 1 the latter has no end and
-    /// stops at K+1, with S as the remainder per further bounce.
+    /// Exitant radiance per emitted radiance, Σ_{k=0}^{K+1} ρ^k S_k + ρ^(K+2) S r/(1 − ρ r), S = S_{K+1}, where of what survives the last
+    /// layer at least one in 1024 escapes from it; else none ever does, and brings ρ^(K+2) S/(1 − ρ). And what was left out: for ρ = 1 the
+    /// latter has no end and stops at K+1, with S as the remainder per further bounce.
     pub fn emission(&self, escapes: &[f32], albedo: f32) -> (f32, f32) {
         let mut sum = 0.0;
         let mut power = 1.0;
@@ -81,7 +85,7 @@ impl Tail {
         sum += power * self.survival;
         power *= albedo;
         let Self { ratio, last, survival, .. } = *self;
-        if ratio > 0.0 {
+        if ratio > 0.0 && MOST_BOUNCES * last >= survival {
             (sum + power * survival * survival / ((1.0 - albedo) * survival + last), 0.0)
         } else if albedo < 1.0 {
             (sum + power * survival / (1.0 - albedo), 0.0)

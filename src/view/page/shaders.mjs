@@ -95,10 +95,10 @@ ${last > 0 ? `
   falls = ultimate > 0.0;
   // ρ r/(1 − ρ r), where nothing vanishes that rounds.
   if (falls) sum += shown[${last + 1}] * layer[${last}] * albedo * survival / ((1.0 - albedo) * survival + ultimate);` : ""}
-  // Emission beyond: what survives escapes in ever smaller parts, or never, which has no end at albedo 1.
+  // Emission beyond: what survives escapes in ever smaller parts, or never, as far as is known, which has no end at albedo 1.
   vec3 decaying = survival * survival / max((1.0 - albedo) * survival + ultimate, 1e-12);
   vec3 forever = mix(vec3(0.0), survival / max(1.0 - albedo, 1e-6), lessThan(albedo, vec3(1.0)));
-  sum += shown[${last + 1}] * emitted * power * albedo * (falls ? decaying : forever);`;
+  sum += shown[${last + 1}] * emitted * power * albedo * (falls && 1024.0 * ultimate >= survival ? decaying : forever);`;
 }
 
 function contractionInScene(bands, luminaires) {
