@@ -79,8 +79,9 @@ export function relight(model, light, albedo, withTail = true) {
     const final = escapes[last][v];
     const survival = Math.max(0, 1 - escapes.reduce((sum, a) => sum + a[v], 0));
     if (!(final > 0)) continue;
-    // ρ r/(1 − ρ r) with r = S/(S + a_K).
-    const gain = albedo.map((rho) => (rho * survival) / ((1 - rho) * survival + final));
+    // ρ r/(1 − ρ r) with r = S/(S + max(a_K, S/512)).
+    const falls = Math.max(final, survival / 512);
+    const gain = albedo.map((rho) => (rho * survival) / ((1 - rho) * survival + falls));
     for (let c = 0; c < 3; c++) radiance[3 * v + c] += layer[3 * v + c] * gain[c];
   }
   return radiance;

@@ -2,8 +2,8 @@
 //!
 //! With a_k = sqrt(4π) T_k,00 the chance to escape after exactly k bounces, S_k = 1 − Σ_{j<k} a_j the chance to survive k
 //! hits, and K the last stored layer, the layers beyond fall geometrically, a_{K+j} = a_K r^j, so that all survivors escape at
-//! last: Σ_j a_K r^j = S_{K+1}, hence r = S_{K+1}/(S_{K+1} + a_K), the chance of a path at hit K to meet the surface again. Scenes take the
-//! same ratio, of the group of emission.
+//! last: Σ_j a_K r^j = S_{K+1}, hence r = S_{K+1}/(S_{K+1} + a_K), the chance of a path at hit K to meet the surface again; at most 512/513.
+//! Scenes take the same ratio, of the group of emission.
 //!
 //! The escapes of transport between diffuse surfaces are mixtures of geometric series, in the mean over a surface. Of all mixtures that
 //! have this a_K and S_{K+1} this tail is the brightest (ρ r/(1 − ρ r) is concave in r/(1 − r)), and that of the ratio
@@ -21,13 +21,14 @@ pub struct Tail {
     last: f32,
     /// S_{K+1}, the chance to survive all stored layers.
     pub(super) survival: f32,
-    // 1/(S_{K+1} + a_K).
+    // a_K, or S_{K+1}/512 where that is more; and 1/(S_{K+1} + that).
+    falls: f32,
     per_all: f32,
 }
 
-/// Bounces in the mean beyond which what survives counts as never escaping where it adds emission: so many turns are paths followed
-/// at most, and a few of them do not tell how slowly a room leaks that is all but closed.
-const MOST_BOUNCES: f32 = 1024.0;
+/// Most bounces in the mean of what survives: so many turns are paths followed at most, and a few escapes do not tell how slowly a room
+/// leaks that is all but closed.
+const MOST_BOUNCES: f32 = 512.0;
 
 impl Tail {
     /// From the chances to escape a_0…a_K; one layer alone has no tail.
@@ -41,9 +42,11 @@ impl Tail {
     pub(super) fn beyond(escaped: f32, last: f32, is_reflected: bool) -> Self {
         let rest = 1.0 - escaped;
         let survival = if rest > 0.0 { rest } else { 0.0 };
-        let per_all = 1.0 / (survival + last);
+        let slowest = survival * (1.0 / MOST_BOUNCES);
+        let falls = if last > slowest { last } else { slowest };
+        let per_all = 1.0 / (survival + falls);
         let ratio = if is_reflected & (last > 0.0) { survival * per_all } else { 0.0 };
-        Self { ratio, last, survival, per_all }
+        Self { ratio, last, survival, falls, per_all }
     }
 
     /// Factor g of the tail: beyond the last layer's ρ^(K+1)⟨T_K, L⟩ comes g times it, g = ρ r/(1 − ρ r).
@@ -55,23 +58,23 @@ impl Tail {
     /// The gain and its slope ∂g/∂r.
     #[inline(always)]
     pub(super) fn gain_and_slope(&self, albedo: f32) -> [f32; 2] {
-        // 1 − ρ r = ((1 − ρ) S + a)/(S + a), which does not vanish where r rounds to 1.
-        let Self { ratio, last, survival, .. } = *self;
-        let per_rest = 1.0 / ((1.0 - albedo) * survival + last);
-        let all = (survival + last) * per_rest;
+        // 1 − ρ r = ((1 − ρ) S + a)/(S + a).
+        let Self { ratio, survival, falls, .. } = *self;
+        let per_rest = 1.0 / ((1.0 - albedo) * survival + falls);
+        let all = (survival + falls) * per_rest;
         if ratio > 0.0 { [albedo * survival * per_rest, albedo * all * all] } else { [0.0; 2] }
     }
 
     /// ∂r/∂a_K and ∂r/∂S_{K+1}, each of the other held; zeros where there is no tail.
     #[inline(always)]
     pub(super) fn ratio_slopes(&self) -> [f32; 2] {
-        let Self { ratio, last, survival, per_all } = *self;
-        let slopes = [-survival * per_all * per_all, last * per_all * per_all];
+        let Self { ratio, survival, falls, per_all, .. } = *self;
+        let slopes = [-survival * per_all * per_all, falls * per_all * per_all];
         [0, 1].map(|i| if ratio > 0.0 { slopes[i] } else { 0.0 })
     }
 
     /// Exitant radiance per emitted radiance, Σ_{k=0}^{K+1} ρ^k S_k + ρ^(K+2) S r/(1 − ρ r), S = S_{K+1}, where of what survives the last
-    /// layer at least one in 1024 escapes from it; else none ever does, and brings ρ^(K+2) S/(1 − ρ). And what was left out: for ρ = 1 the
+    /// layer at least one in 512 escapes from it; else none ever does, and brings ρ^(K+2) S/(1 − ρ). And what was left out: for ρ = 1 the
     /// latter has no end and stops at K+1, with S as the remainder per further bounce.
     pub fn emission(&self, escapes: &[f32], albedo: f32) -> (f32, f32) {
         let mut sum = 0.0;

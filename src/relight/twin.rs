@@ -93,9 +93,9 @@ fn sum(v: Vec3) -> f32 {
 /// ∂r/∂a_K and ∂r/∂S_{K+1}.
 fn ratio_slopes(escapes: &[f32], ratio: f32) -> [f32; 2] {
     let survival = (1.0 - escapes.iter().sum::<f32>()).max(0.0);
-    let last = escapes.last().copied().unwrap_or(0.0);
-    let per_all = 1.0 / (survival + last);
-    if ratio > 0.0 { [-survival * per_all * per_all, last * per_all * per_all] } else { [0.0; 2] }
+    let falls = escapes.last().copied().unwrap_or(0.0).max(survival / 512.0);
+    let per_all = 1.0 / (survival + falls);
+    if ratio > 0.0 { [-survival * per_all * per_all, falls * per_all * per_all] } else { [0.0; 2] }
 }
 
 /// A texture of two bricks of noise around what surfaces have; a texel in `one_in` is valid.

@@ -90,7 +90,7 @@ pub(super) fn extras(
         "basis": "real, orthonormal, no Condon-Shortley sign: Y_1,-1 = 0.488603 y, Y_1,0 = 0.488603 z, Y_1,1 = 0.488603 x",
         "formula": "radiance = sum_k albedo^(k+1) <T_k, L> + tail; COLOR_0 = clamp(exposure * radiance, 0, 1)",
         "negative": "before exposure, radiance with a channel below 0 (least) becomes Y + Y/(Y - least) (radiance - Y), Y its luminance 0.2126 R + 0.7152 G + 0.0722 B; 0 where Y <= 0",
-        "tail": "albedo^(K+1) <T_K, L> x/(1-x), x = albedo * S/(S+a_K), a_k = sqrt(4 pi) T_k,00, S = max(0, 1 - sum a_k); none for one layer",
+        "tail": "albedo^(K+1) <T_K, L> x/(1-x), x = albedo * S/(S + max(a_K, S/512)), a_k = sqrt(4 pi) T_k,00, S = max(0, 1 - sum a_k); none for one layer or a_K = 0",
         "bands": layers.bands(),
         "light": { "name": probe.name, "rotation_degrees": rotation, "coefficients_in_world": light.coefficients(0) },
         "lamps_lit_apart": lamps,

@@ -38,7 +38,7 @@ function coefficients(bands, channels) {
  * Contraction for the given bands of each layer; `luminaires` is their number in a scene, null for a volume alone.
  *
  * Alone: Σ_k ρ^(k+1) ⟨T_k, L⟩ and the tail beyond the last layer, which falls geometrically with the ratio
- * r = S/(S + a_K) of the chances to escape a_k = sqrt(4π) T_k,00; and emission, Σ_k ρ^k S_k to its end.
+ * r = S/(S + max(a_K, S/512)) of the chances to escape a_k = sqrt(4π) T_k,00; and emission, Σ_k ρ^k S_k to its end.
  * In a scene, channel by channel: Σ_k ρ^(k+1) (⟨T_k, L⟩ + Σ_l s_l G_k,l + e G_k) + e, the last layer repeated with the
  * share r = min(1, G_K/G_(K−1)) of the emission's group.
  */
@@ -93,12 +93,13 @@ function contractionAlone(bands) {
   survival = max(survival, 0.0);
 ${last > 0 ? `
   falls = ultimate > 0.0;
-  // ρ r/(1 − ρ r), where nothing vanishes that rounds.
-  if (falls) sum += shown[${last + 1}] * layer[${last}] * albedo * survival / ((1.0 - albedo) * survival + ultimate);` : ""}
+  // ρ r/(1 − ρ r).
+  vec3 left = (1.0 - albedo) * survival + max(ultimate, survival / 512.0);
+  if (falls) sum += shown[${last + 1}] * layer[${last}] * albedo * survival / left;` : ""}
   // Emission beyond: what survives escapes in ever smaller parts, or never, as far as is known, which has no end at albedo 1.
   vec3 decaying = survival * survival / max((1.0 - albedo) * survival + ultimate, 1e-12);
   vec3 forever = mix(vec3(0.0), survival / max(1.0 - albedo, 1e-6), lessThan(albedo, vec3(1.0)));
-  sum += shown[${last + 1}] * emitted * power * albedo * (falls && 1024.0 * ultimate >= survival ? decaying : forever);`;
+  sum += shown[${last + 1}] * emitted * power * albedo * (falls && 512.0 * ultimate >= survival ? decaying : forever);`;
 }
 
 function contractionInScene(bands, luminaires) {

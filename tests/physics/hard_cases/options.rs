@@ -41,9 +41,10 @@ fn albedo_1_in_a_closed_room_stops_and_says_what_it_left_out() {
             // Each bounce adds the emission whole: N + 1 terms, and one more of 1 per bounce is left out.
             let (sum, left_out) = glowing(1.0);
             if estimator == Estimator::Gather {
-                // Its cache interpolates between level sets, the corners of the room open ones among them: a bias
-                // of percents, but an end all the same.
-                assert!((sum[0] / (layers as f32 + 1.0) - 1.0).abs() < 0.01 && left_out <= 1.0, "{layers}: {sum:?}");
+                // Its cache interpolates between level sets, the corners of the room open ones among them: a leak of a thousandth, through
+                // which a white room sees at most the whole sky, of radiance 1, in the end. What it glows has an end all the same.
+                let most = layers as f32 + 2.0;
+                assert!((0.99 * (most - 1.0)..1.01 * most).contains(&sum[0]) && left_out <= 1.0, "{layers}: {sum:?}");
                 continue;
             }
             assert_eq!((sum, left_out), ([layers as f32 + 1.0; 3], 1.0), "{layers} layers by {estimator:?}");
