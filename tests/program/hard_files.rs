@@ -419,9 +419,10 @@ fn mapped_volumes_are_those_that_are_read() {
     assert!(memory("--isovalues 128 --texture 2") > memory("--isovalues 128 --texture 1"));
     // A job asks for the threads of its tasks, whatever this machine has.
     let job = |cpus: u32| {
-        let line =
-            format!("cluster slurm ball.nrrd --tasks 2 --cpus {cpus} -o b.isolume --script job.sh -- --isovalues 128");
-        bench.json(&line)["memory_bytes"].as_u64().expect("bytes")
+        let job = format!("--tasks 2 --cpus {cpus} -o b.isolume --script job{cpus}.sh --json -- --isovalues 128");
+        let said = bench.run(&format!("cluster slurm ball.nrrd {job}"));
+        let said: serde_json::Value = serde_json::from_str(&said).expect("one JSON document");
+        said["memory_bytes"].as_u64().expect("bytes")
     };
     assert!(job(512) > job(1));
 }
