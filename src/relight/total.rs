@@ -98,8 +98,8 @@ pub fn total_error(
     if count < 2 || mean.is_nan() || mean <= 0.0 || !is_whole {
         return None;
     }
-    // Per point: mean squares of the error over channels, and of the error of their mean.
-    let of_point = |i: usize| -> [f64; 2] {
+    // Per point: mean squares of the error over channels, of the error of their mean, and of the noise of the check.
+    let of_point = |i: usize| -> [f64; 3] {
         let [a, b] = [0, 1].map(|h| {
             let vector = &checks.halves[h][i * n..(i + 1) * n];
             radiance_of(layers, vector, light, material, scene)
@@ -109,12 +109,15 @@ pub fn total_error(
         let half: [f64; 3] = std::array::from_fn(|c| 0.5 * (a[c] - b[c]));
         let square = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>() / 3.0;
         let of_mean = |v: [f64; 3]| (v.iter().sum::<f64>() / 3.0).powi(2);
-        [square(error) - square(half), of_mean(error) - of_mean(half)]
+        [square(error) - square(half), of_mean(error) - of_mean(half), square(half)]
     };
-    let squares: Vec<[f64; 2]> = (0..count).into_par_iter().map(of_point).collect();
-    let [all, of_mean] = [0, 1].map(|k| squares.iter().map(|s| s[k]).sum::<f64>() / count as f64);
+    let squares: Vec<[f64; 3]> = (0..count).into_par_iter().map(of_point).collect();
+    let [all, of_mean, of_check] = [0, 1, 2].map(|k| squares.iter().map(|s| s[k]).sum::<f64>() / count as f64);
     let picked = match scene {
-        None => picked_by(layers, checks, (light, material)),
+        None => {
+            let modelled = modelled_noise(layers, checks, (light, material))?;
+            if modelled > 0.0 && modelled.is_finite() { of_check / modelled } else { 1.0 }
+        }
         // Noise of coloured light is larger in its channels than in their mean.
         Some(_) if of_mean > 0.0 => (all / of_mean).clamp(1.0, 3.0),
         Some(_) => 1.0,
@@ -145,9 +148,9 @@ pub fn total_error(
     Some(TotalError { rms, percentile_95: percentile_95(&variances), noise, texture, truncation, points: count })
 }
 
-/// Mean square over the channels of the noise of check points under a light, over the variance that the model of the noise states of
-/// the mean of the channels.
-fn picked_by(layers: &Layers, checks: &CheckPoints, (light, material): (&Light, &Material)) -> f64 {
+/// Mean variance of the radiance of check points (mean of the channels), as the model of the noise has it by the standard errors that the
+/// halves of their transfer have in each band.
+fn modelled_noise(layers: &Layers, checks: &CheckPoints, (light, material): (&Light, &Material)) -> Option<f64> {
     let (n, errors) = (layers.coefficients(), layers.errors());
     let lattice = Lattice::of_vertices(checks.len());
     let mut texture = MemoryTexture::new(Layout { lattice, layers: layers.clone() });
@@ -170,19 +173,10 @@ fn picked_by(layers: &Layers, checks: &CheckPoints, (light, material): (&Light, 
                 }
             }
         }
-        if texture.insert(*brick, filled).is_err() {
-            return 1.0;
-        }
+        texture.insert(*brick, filled).ok()?;
     }
-    let contracted = Textures::of_volume(&texture).and_then(|textures| contract(&textures, &bricks, light, material));
-    let Ok(contracted) = contracted else { return 1.0 };
-    let (mut found, mut stated) = (0.0, 0.0);
-    for i in 0..checks.len() {
-        let [a, b] = [0, 1].map(|h| radiance_of(layers, &checks.halves[h][i * n..(i + 1) * n], light, material, None));
-        found += (0..3).map(|c| (0.5 * (a[c] - b[c])).powi(2)).sum::<f64>() / 3.0;
-        stated += f64::from(contracted.radiance[i / BRICK_TEXELS][i % BRICK_TEXELS][3]).powi(2);
-    }
-    if stated > 0.0 { found / stated } else { 1.0 }
+    let contracted = contract(&Textures::of_volume(&texture).ok()?, &bricks, light, material).ok()?;
+    Some(contracted.noise.rms.powi(2))
 }
 
 /// Root of the mean of squares that may be negative, over the mean radiance, and how far a 95 % interval of it reaches.
