@@ -54,9 +54,10 @@ impl<'a> Bake<'a> {
     }
 
     /// A texture of so many texels for each sample along an axis, such as 0.5 or 2, for named isovalues, too: it serves those
-    /// that are not named, exports of volumes, and the slider of the page. 1 where all isovalues are baked.
-    pub fn texture(mut self, ratio: f64) -> Self {
-        self.quality.texture = Some(TextureSize::Ratio(ratio));
+    /// that are not named, exports of volumes, and the slider of the page. 1 where all isovalues are baked. Of all isovalues also an
+    /// adaptive one ([`TextureSize::Adaptive`]).
+    pub fn texture(mut self, size: impl Into<TextureSize>) -> Self {
+        self.quality.texture = Some(size.into());
         self
     }
 

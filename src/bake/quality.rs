@@ -10,7 +10,7 @@ use crate::volume::Volume;
 
 /// Rays of a texel where nothing says how many of an estimator that has no goals, and the most where it stops at an error or a
 /// time.
-const RAYS: u32 = 64;
+pub(super) const RAYS: u32 = 64;
 const MOST_RAYS: u32 = 4096;
 /// Bands of transfer that stays positive.
 const POSITIVE_BANDS: usize = 5;
@@ -48,7 +48,7 @@ pub struct Quality {
 /// As [`Lattice::from_ratio`] and [`Lattice::from_texels`].
 pub fn lattice_of(volume: &Volume, texture: TextureSize) -> Result<Lattice> {
     match texture {
-        TextureSize::Ratio(ratio) => Lattice::from_ratio(volume.dims(), ratio),
+        TextureSize::Ratio(ratio) | TextureSize::Adaptive { ratio, .. } => Lattice::from_ratio(volume.dims(), ratio),
         TextureSize::Texels(texels) => Lattice::from_texels(volume.dims(), texels.map(|n| n as usize)),
     }
 }
@@ -126,6 +126,10 @@ impl Quality {
             isovalues,
             memory_limit: self.memory_limit,
             geometry,
+            adaptive: match self.texture {
+                Some(TextureSize::Adaptive { error, .. }) => Some(error),
+                _ => None,
+            },
             ..Request::new(volume, &member.label, layout, settings, &self.effects)
         })
     }

@@ -162,7 +162,7 @@ impl Report {
         let s = &self.summary;
         json!({
             "at_vertices": self.at_vertices,
-            "texels": { "asked": s.texels, "valid": s.valid, "clamped": s.clamped, "degenerate": s.degenerate },
+            "texels": { "asked": s.texels, "left_out": s.left_out, "valid": s.valid, "clamped": s.clamped, "degenerate": s.degenerate },
             "rays": s.counts.rays,
             "effects": self.effects_json(),
             "plan": self.plan.as_ref().map(|plan| &plan.effects),

@@ -3,6 +3,7 @@
 use super::deal::Dealt;
 use super::memory::{bytes_of_bake, crossed_cells};
 use super::pending::{Pending, texels_in};
+use super::quality::RAYS;
 use super::scene::bytes_of_scene_texel;
 use super::{Goal, scene};
 use crate::error::{Error, Result};
@@ -15,12 +16,14 @@ use crate::surface::extract_without_normals;
 use crate::transfer::store::{Baked, EstimatorIdentity, Identity, Shadows, Store, Surroundings};
 use crate::transfer::{Lattice, Layout, Selection, texels_of_isosurfaces};
 use crate::transport::{
-    Bake, GatherSettings, PhotonBake, PhotonScene, Settings, SpecularPhotons, SurfacePoints, needs_photons, pilot,
+    Bake, GatherSettings, PhotonBake, PhotonScene, Settings, SpecularPhotons, SurfacePoints, Tolerance, most_in_work,
+    needs_photons, pilot, share_traced,
 };
 use crate::volume::{Shadowing, Volume};
 use serde_json::{Value, json};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
+use std::fmt::Display;
 use std::path::Path;
 use std::str::FromStr;
 use std::sync::OnceLock;
@@ -28,6 +31,8 @@ use std::sync::OnceLock;
 /// Texels and rays of the trial that the plan rests on.
 pub(super) const PILOT_TEXELS: u64 = 2000;
 pub(super) const PILOT_RAYS: u32 = 16;
+/// Bricks of the trial that tells how much an adaptive texture leaves out.
+const PILOT_BRICKS: usize = 64;
 /// Accepted error of what the plan drops, relative to the brightest light.
 const TOLERANCE: f64 = 0.01;
 
@@ -92,6 +97,11 @@ pub struct Request<'a> {
     pub hints: Hints,
     /// How the store is written.
     pub writing: Writing,
+    /// Of a texture that leaves out texels that can be interpolated: the error that those may have, relative to the root mean square of
+    /// the transfer.
+    pub adaptive: Option<f64>,
+    /// That error as transfer, once it is known how large this is.
+    pub(crate) tolerance: Option<&'a Tolerance>,
     /// Only these chunks, by linear index; all where there is no list.
     pub(crate) only: Option<BTreeSet<usize>>,
     /// What the share has to do of the texture or surface that is baked; set where there is a share.
@@ -187,6 +197,8 @@ impl<'a> Request<'a> {
             effects,
             hints: Hints::default(),
             writing: Writing::default(),
+            adaptive: None,
+            tolerance: None,
             only: None,
             dealt: None,
             geometry: None,
@@ -204,7 +216,8 @@ impl<'a> Request<'a> {
     pub fn identity(&self) -> Identity {
         let (positive, seed) = (self.settings.positive, self.settings.seed);
         let identity = Identity::new(self.volume, &self.layout, self.estimator_identity(), positive, seed);
-        Identity { scene: self.geometry.map(|geometry| self.scene_identity(geometry)), ..identity }
+        let scene = self.geometry.map(|geometry| self.scene_identity(geometry));
+        Identity { adaptive: self.adaptive, scene, ..identity }
     }
 
     /// The estimator as it stands in stores.
@@ -257,7 +270,8 @@ impl<'a> Request<'a> {
     pub fn bake<'b>(&'b self, pyramid: &'b Pyramid, settings: &'b Settings, selection: &'b Selection) -> Bake<'b> {
         let caustics = self.has_caustics();
         let bake = Bake::new(self.volume, pyramid, &self.layout, settings, selection).among(self.geometry);
-        Bake { caustics, specular: self.specular.map(|s| s as _), points: self.points, ..bake }
+        let (specular, tolerance) = (self.specular.map(|s| s as _), self.tolerance);
+        Bake { caustics, specular, points: self.points, tolerance, ..bake }
     }
 
     /// Photons of light that paths cannot find, near the isovalue of the surface that is baked or of all; none where there is no
@@ -298,7 +312,7 @@ impl<'a> Request<'a> {
         let lattice = Lattice::of_vertices(points.positions_in_grid.len());
         let layout = Layout { lattice, layers: self.layout.layers.clone() };
         let (isovalues, points) = (Some(vec![points.isovalue]), Some(points));
-        Request { layout, isovalues, points, time_share, surfaces: false, ..self.clone() }
+        Request { layout, isovalues, points, time_share, surfaces: false, adaptive: None, ..self.clone() }
     }
 
     /// The texels that the isovalues asked for need; all vertices of a surface.
@@ -372,8 +386,10 @@ impl<'a> Request<'a> {
         // Partners with their pyramids, as the volume itself.
         let partners = self.geometry.map_or(&[][..], Geometry::partners).iter();
         let partners: u64 = partners.map(|p| bytes_of_field(&p.volume)).sum();
+        // Chunks of an adaptive texture are worked on with what closes them: twice as many bricks.
+        let closed = if self.adaptive.is_some() { (2 * most_in_work(threads) as u64) << 15 } else { 0 };
         // 16 chunks of 32³ texels are held.
-        needed + partners + groups * (16 << 15)
+        needed + partners + closed * bytes_of_scene_texel(&self.layout.layers, self.geometry) + groups * (16 << 15)
     }
 
     /// [`crossed_cells`], counted once for a list of isovalues, however often the memory is asked for.
@@ -429,6 +445,9 @@ impl<'a> Request<'a> {
         if self.geometry.is_some() {
             self.check_scene()?;
         }
+        if let Some(error) = self.adaptive {
+            self.check_adaptive(error)?;
+        }
         if self.volume.exact.is_some() && !self.surfaces {
             let remedy = "name isovalues, without --texture; or give the option to relight of the store";
             let given = "the texels of a texture";
@@ -447,20 +466,58 @@ impl<'a> Request<'a> {
         Ok(())
     }
 
+    fn check_adaptive(&self, error: f64) -> Result<()> {
+        let refuse = |name: &str, found: &dyn Display, expected: &str, remedy: &str| {
+            Err(Error::argument(name, found, expected, remedy))
+        };
+        if !(error > 0.0 && error < 1.0) {
+            return refuse("texture", &error, "an error between 0 and 1", "give adaptive:2%");
+        }
+        if self.isovalues.is_some() {
+            let remedy =
+                "name no isovalue; or name no texture: then isovalues are baked at the vertices of their surfaces";
+            return refuse("isovalues", &"an adaptive texture as well", "all isovalues", remedy);
+        }
+        if self.estimator != Estimator::Path {
+            let name = format!("estimator {}", self.estimator.name());
+            return refuse(
+                &name,
+                &"an adaptive texture",
+                "the estimator path",
+                "leave the estimator out, or give --texture 1",
+            );
+        }
+        Ok(())
+    }
+
     /// The plan of effects, from a trial of a few texels.
     ///
     /// # Errors
     /// Those of the trial: a volume without cells, rays that are no power of two.
     #[doc(hidden)]
     pub fn plan(&self, pyramid: &Pyramid) -> Result<scenes::Plan> {
-        self.plan_of(pyramid, &self.selection(), self.isovalues.as_deref(), self.settings.rays, self.hints)
+        let selection = self.selection();
+        let share = self.share_traced(pyramid, &selection)?;
+        self.plan_of(pyramid, &selection, (self.isovalues.as_deref(), share), self.settings.rays, self.hints)
+    }
+
+    /// The share of the texels that an adaptive texture traces: of 64 bricks.
+    fn share_traced(&self, pyramid: &Pyramid, selection: &Selection) -> Result<f64> {
+        let Some(error) = self.adaptive else { return Ok(1.0) };
+        let settings = Settings { rays: RAYS, target: None, ..self.settings.clone() };
+        let bake = self.bake(pyramid, &settings, selection);
+        let tolerance = Tolerance::new(&bake, error)?;
+        let all = selection.bricks();
+        let stride = all.len().div_ceil(PILOT_BRICKS).max(1);
+        let bricks: Vec<[usize; 3]> = all.into_iter().skip(stride / 2).step_by(stride).collect();
+        share_traced(&Bake { tolerance: Some(&tolerance), ..bake }, &bricks)
     }
 
     fn plan_of(
         &self,
         pyramid: &Pyramid,
         selection: &Selection,
-        isovalues: Option<&[f64]>,
+        (isovalues, traced_share): (Option<&[f64]>, f64),
         rays: u32,
         hints: Hints,
     ) -> Result<scenes::Plan> {
@@ -485,6 +542,7 @@ impl<'a> Request<'a> {
             sun_split: hints.sun_split,
             tolerance: TOLERANCE,
             bytes_per_texel: bytes_of_scene_texel(&layout.layers, self.geometry),
+            traced_share,
             pilot: &pilot,
             surroundings: surroundings.as_ref(),
         }))
@@ -508,7 +566,7 @@ impl<'a> Request<'a> {
     /// later: isovalues, rays and errors stand with the chunks. So the plan is that of all isosurfaces at 64 rays.
     pub(super) fn provenance(&self, pyramid: &Pyramid) -> Result<Value> {
         let selection = Selection::of_all_isosurfaces(self.layout.lattice, self.volume);
-        let plan = self.plan_of(pyramid, &selection, None, 64, Hints::default())?;
+        let plan = self.plan_of(pyramid, &selection, (None, 1.0), 64, Hints::default())?;
         Ok(json!({
             "program": concat!("isolume ", env!("CARGO_PKG_VERSION")),
             "input": self.label,

@@ -13,8 +13,8 @@ use crate::surface::{Mesh, isosurface};
 use crate::transfer::store::{Baked, ChunkExtent, Store, StoreLock, StoreOptions};
 use crate::transfer::{Brick, Lattice, Octants, Selection};
 use crate::transport::{
-    ChunkBricks, PhotonMap, Progress, Settings, Summary, SurfacePoints, Target, bake, gather, photon_bake_from,
-    photon_bake_map,
+    ChunkBricks, PhotonMap, Progress, Settings, Summary, SurfacePoints, Target, Tolerance, bake, gather,
+    photon_bake_from, photon_bake_map,
 };
 use serde_json::Value;
 use std::path::Path;
@@ -83,8 +83,9 @@ pub fn run(request: &Request<'_>, path: impl AsRef<Path>, observer: &dyn Observe
 fn dealt(job: &Request<'_>, selections: &[Selection]) -> Vec<Dealt> {
     let Some(share) = job.share else { return Vec::new() };
     // The cache of `gather` is of all texels at once: there a chunk is not divided.
-    let divides = job.estimator == Estimator::Path;
-    let draws = divides && job.settings.rays >= FEWEST_CHECKED;
+    // What an adaptive texture leaves out is decided chunk by chunk.
+    let divides = job.estimator == Estimator::Path && job.adaptive.is_none();
+    let draws = job.estimator == Estimator::Path && job.settings.rays >= FEWEST_CHECKED;
     let points: usize = match (&job.isovalues, selections) {
         _ if !draws => 0,
         (None, _) => checks::OF_ALL,
@@ -193,7 +194,10 @@ fn fill(
     observer: &dyn Observer,
     report: &mut Report,
 ) -> Result<()> {
-    let texels = if job.goal.most_paths.is_some() { job.selection().len() } else { 0 };
+    // An adaptive texture has about as many texels as the data have samples, whatever its finest stride.
+    let finer = |a: usize| if job.adaptive.is_some() { job.layout.lattice.step(a).min(1.0) } else { 1.0 };
+    let whole = if job.goal.most_paths.is_some() { job.selection().len() } else { 0 };
+    let texels = (whole as f64 * finer(0) * finer(1) * finer(2)) as u64;
     let rays = job.goal.rays(job.settings.rays, texels);
     let job = &Request { settings: Settings { rays, ..job.settings.clone() }, ..job.clone() };
     let damaged = repair::set_damage_aside(job, store, observer)?;
@@ -228,6 +232,11 @@ fn fill(
     report.target = quality.name.clone();
     report.rays = report.rays.max(rays);
     report.damaged += damaged.len();
+    let tolerance = match job.adaptive.filter(|_| pending.missing > 0 || !damaged.is_empty()) {
+        Some(error) => Some(Tolerance::new(&job.bake(pyramid, &job.settings, &job.selection()), error)?),
+        None => None,
+    };
+    let job = &Request { tolerance: tolerance.as_ref(), ..job.clone() };
     observer.begin();
     parts(job, pyramid, store, &mut pending, quality.target, observer, report)?;
     repair::complete(job, pyramid, store, &asked, &damaged, quality.name.as_ref(), observer, report)?;

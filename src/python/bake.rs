@@ -8,7 +8,7 @@ use crate::cli::shared::ready;
 use crate::error::{Error, Result};
 use crate::memory;
 use crate::probe::{EnvFrame, Probe};
-use crate::scene::Scene;
+use crate::scene::{Scene, TextureSize};
 use crate::volume::Isovalue;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -21,7 +21,7 @@ pub(super) struct Settings {
     pub(super) rays: Option<u32>,
     pub(super) layers: usize,
     pub(super) bands: Option<usize>,
-    pub(super) texture: Option<f64>,
+    pub(super) texture: Option<TextureSize>,
     pub(super) positive: bool,
     pub(super) estimator: Estimator,
     pub(super) seed: u64,
@@ -76,8 +76,8 @@ impl Settings {
         if let Some(bands) = self.bands {
             bake = bake.bands(bands);
         }
-        if let Some(ratio) = self.texture {
-            bake = bake.texture(ratio);
+        if let Some(size) = self.texture {
+            bake = bake.texture(size);
         }
         if let Some(rays) = self.rays {
             bake = bake.rays(rays);

@@ -8,7 +8,7 @@ use super::store::{Store, warn};
 use super::watch;
 use crate::error::{Error, Result};
 use crate::geom::{Affine, Up};
-use crate::scene::{Effects, Front, Member, Scene, VolumeOptions};
+use crate::scene::{Effects, Front, Member, Scene, TextureSize, VolumeOptions};
 use crate::volume::array::{Placement, address, from_numbers, from_owner, metres_in};
 use crate::volume::{Channel, Choice, Isovalue, LengthUnit, Solid, Spacing};
 use glam::{DMat3, DVec3};
@@ -148,7 +148,7 @@ impl Volume {
         rays: Option<u32>,
         layers: usize,
         bands: Option<usize>,
-        texture: Option<f64>,
+        texture: Option<String>,
         positive: bool,
         estimator_name: &str,
         lights: Vec<Bound<'_, Environment>>,
@@ -162,6 +162,11 @@ impl Volume {
     ) -> PyResult<Store> {
         let lights = lights.iter().map(|light| (light.get().probe().clone(), light.get().rotate())).collect();
         let estimator = estimator(estimator_name).or_raise(py)?;
+        let texture = texture.map(|text| {
+            let size = text.parse::<TextureSize>();
+            size.map_err(|expected| Error::argument("texture", &text, expected, "1 is the resolution of the data"))
+        });
+        let texture = texture.transpose().or_raise(py)?;
         let settings = Settings {
             error,
             time,

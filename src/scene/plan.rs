@@ -118,6 +118,8 @@ pub struct PlanInput<'a> {
     pub tolerance: f64,
     /// Bytes of one texel in the store.
     pub bytes_per_texel: u64,
+    /// Share of the selected texels that are traced.
+    pub traced_share: f64,
     /// What the trial found.
     pub pilot: &'a Pilot,
     /// What stands around the volume; `None` for a volume alone.
@@ -154,6 +156,8 @@ pub struct Plan {
     pub rays: f64,
     /// Valid texels predicted.
     pub valid_texels: f64,
+    /// Share of the texels that an adaptive texture is predicted to trace; the others are interpolated.
+    pub traced_share: f64,
     /// Bytes of the store predicted, before bricks that hold nothing are left out.
     pub bytes: f64,
 }
@@ -164,7 +168,7 @@ pub fn plan(input: &PlanInput<'_>) -> Plan {
     let layers = input.bands.len();
     let albedo = f64::from(input.albedo.unwrap_or(DEFAULT_ALBEDO));
     let valid_share = pilot.valid as f64 / pilot.texels.max(1) as f64;
-    let valid_texels = input.selected as f64 * valid_share;
+    let valid_texels = input.selected as f64 * input.traced_share * valid_share;
     let ignored = input.effects.switched("shadowing") == Some(false);
     let rays_per_texel = if ignored {
         0.0
@@ -196,7 +200,8 @@ pub fn plan(input: &PlanInput<'_>) -> Plan {
         layers_needed: needed,
         rays: valid_texels * rays_per_texel,
         valid_texels,
-        bytes: input.selected as f64 * input.bytes_per_texel as f64,
+        traced_share: input.traced_share,
+        bytes: input.selected as f64 * input.traced_share * input.bytes_per_texel as f64,
     }
 }
 

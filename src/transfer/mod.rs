@@ -33,6 +33,7 @@ mod octants;
 pub mod precision;
 mod selection;
 pub mod store;
+pub(crate) mod strides;
 pub mod texture;
 
 pub use group::Group;
@@ -56,6 +57,9 @@ pub const CHUNK: usize = 32;
 pub const CHUNK_VERTICES: usize = 4096;
 /// Most layers a texture may have.
 pub const MAX_LAYERS: usize = 16;
+
+/// Albedo at which errors of transfer as a whole are stated, of packed stores and between texels; up to it their bound holds.
+pub(crate) const WEIGHED_ALBEDO: f64 = 0.7;
 
 /// Most texels of a lattice, 2^40: a bit each is 128 GiB, and a texel's largest vector (16 layers of 11 bands, 4 bytes
 /// a number) times their number stays below 2^63, so that no size made of them overflows.
@@ -303,6 +307,18 @@ impl Layers {
     /// Entries of the standard error of one texel: Σ bands, one a layer and band.
     pub fn errors(&self) -> usize {
         self.bands.iter().sum()
+    }
+
+    /// w_k = 0.7^(k+1): what a coefficient of layer k does to radiance at an albedo of [`WEIGHED_ALBEDO`], one a layer. Errors of
+    /// transfer as a whole are those of w_k T_k.
+    pub(crate) fn weights(&self) -> Vec<f64> {
+        std::iter::successors(Some(WEIGHED_ALBEDO), |w| Some(w * WEIGHED_ALBEDO)).take(self.len()).collect()
+    }
+
+    /// The weight of each coefficient.
+    pub(crate) fn weights_of_coefficients(&self) -> Vec<f64> {
+        let of_layer = |(k, w): (usize, f64)| std::iter::repeat_n(w, self.channels * self.bands[k].pow(2));
+        self.weights().into_iter().enumerate().flat_map(of_layer).collect()
     }
 
     /// Where layer `k` starts in a texel's coefficients.

@@ -2,6 +2,7 @@
 //! pure function of (seed, texel, replicate, bounce, path), so the bytes do not depend on threads or
 //! on which chunks are baked together.
 
+use super::adaptive::{Tolerance, fill_adaptively, share_of};
 use super::chunks::for_each_chunk;
 use super::estimator::{Alone, BrickOutput, Estimator, Fate, WithinLevelSet, brick_of, estimates_of, item_of};
 use super::open::Openness;
@@ -39,6 +40,8 @@ pub struct Bake<'a> {
     pub selection: &'a Selection,
     /// The isosurface whose vertices the layout is of; none where it is of texels.
     pub points: Option<&'a SurfacePoints>,
+    /// Of a texture that leaves out texels that can be interpolated: how exactly.
+    pub tolerance: Option<&'a Tolerance>,
 }
 
 /// Points of an isosurface that are baked in the place of texels.
@@ -112,6 +115,7 @@ impl<'a> Bake<'a> {
             settings,
             selection,
             points: None,
+            tolerance: None,
         }
     }
 
@@ -222,7 +226,10 @@ pub fn bake(
     sink: &mut Sink<'_>,
 ) -> Result<Summary> {
     bake.check()?;
-    with_path_tracer!(bake, Openness::of, estimator => fill(&estimator, bake, chunks, progress, present, sink))
+    with_path_tracer!(bake, Openness::of, estimator => match bake.tolerance {
+        Some(tolerance) => fill_adaptively(&estimator, bake, tolerance, chunks, progress, present, sink),
+        None => fill(&estimator, bake, chunks, progress, present, sink),
+    })
 }
 
 /// The path tracer within a level set.
@@ -257,13 +264,24 @@ fn fill<E: Estimator>(
     sink: &mut Sink<'_>,
 ) -> Result<Summary> {
     let layers: &[Layers] = estimator.layers();
-    let work = |scratch: &mut E::Scratch, before: &Option<ChunkBricks>, index: [usize; 3], slot: usize| {
+    let lattice = &bake.layout.lattice;
+    let slots = lattice.bricks_of_chunk().iter().product();
+    let work = |scratch: &mut E::Scratch, before: &Option<ChunkBricks>, chunk: [usize; 3], slot: usize| {
+        let index = lattice.brick_in_chunk(chunk, slot);
         let of_slot = |all: &ChunkBricks| all.iter().map(|group| group.get(slot).cloned().flatten()).collect();
         let old: Option<Vec<Brick>> = before.as_ref().and_then(of_slot);
         if !bake.selection.touches_brick(index) {
             return old.map(|bricks| BrickOutput { bricks, summary: Summary::default() });
         }
-        let output = brick_of(estimator, bake, index, old, scratch, Some(&progress.cancel));
+        let output = brick_of(
+            estimator,
+            bake,
+            &|texel| bake.selection.contains(texel),
+            index,
+            old,
+            scratch,
+            Some(&progress.cancel),
+        );
         progress.texels.fetch_add(output.summary.texels, Ordering::Relaxed);
         progress.rays.fetch_add(output.summary.counts.rays, Ordering::Relaxed);
         Some(output)
@@ -283,7 +301,7 @@ fn fill<E: Estimator>(
     };
     let mut total = Summary::new(layers);
     let mut add = |summaries: Vec<Summary>| summaries.iter().for_each(|s| total.add(s));
-    for_each_chunk(&bake.layout.lattice, chunks, progress, present, &work, &mut hand_on, &mut add)?;
+    for_each_chunk(slots, chunks, progress, present, &work, &mut hand_on, &mut add)?;
     Ok(total)
 }
 
@@ -294,7 +312,7 @@ fn fill<E: Estimator>(
 pub fn bake_brick(bake: &Bake<'_>, index: [usize; 3]) -> Result<BrickOutput> {
     bake.check()?;
     with_path_tracer!(bake, Openness::of, estimator => {
-        Ok(brick_of(&estimator, bake, index, None, &mut Default::default(), None))
+        Ok(brick_of(&estimator, bake, &|texel| bake.selection.contains(texel), index, None, &mut Default::default(), None))
     })
 }
 
@@ -370,12 +388,22 @@ pub fn trial(bake: &Bake<'_>, bricks: &[[usize; 3]]) -> Result<Summary> {
         let parts: Vec<Summary> = bricks
             .par_iter()
             .with_max_len(1)
-            .map_init(Default::default, |scratch, &index| brick_of(&estimator, bake, index, None, scratch, None).summary)
+            .map_init(Default::default, |scratch, &index| brick_of(&estimator, bake, &|texel| bake.selection.contains(texel), index, None, scratch, None).summary)
             .collect();
         let mut total = Summary::new(estimator.layers());
         parts.iter().for_each(|part| total.add(part));
         Ok(total)
     })
+}
+
+/// The share of the selected texels that a bake with a [`Tolerance`] traces, from some bricks: 1 without one.
+///
+/// # Errors
+/// As [`bake`].
+pub fn share_traced(bake: &Bake<'_>, bricks: &[[usize; 3]]) -> Result<f64> {
+    bake.check()?;
+    let Some(tolerance) = bake.tolerance else { return Ok(1.0) };
+    with_path_tracer!(bake, Openness::of, estimator => Ok(share_of(&estimator, bake, tolerance, bricks)))
 }
 
 /// A small bake of every `stride`-th selected texel, for estimates before the real one; nothing is kept

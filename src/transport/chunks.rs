@@ -3,7 +3,6 @@
 
 use super::bake::Progress;
 use crate::error::{Error, Result};
-use crate::transfer::Lattice;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -13,17 +12,16 @@ pub(crate) fn most_in_work(threads: Option<usize>) -> usize {
     threads.unwrap_or_else(rayon::current_num_threads) + 1
 }
 
-/// What makes the output of a brick: from a scratch of its thread, what is there of its chunk, its index in the lattice, and
-/// its slot in the chunk.
+/// What makes the output of a slot: from a scratch of its thread, what is there of its chunk, the chunk, and the slot.
 type Work<'a, Scratch, Old, Out> = dyn Fn(&mut Scratch, &Old, [usize; 3], usize) -> Option<Out> + Sync + 'a;
 
 /// What is known of a chunk while its bricks are computed.
 struct Chunk<Old, Out> {
     /// What was there before; read by whoever begins the chunk.
     old: Option<Arc<Old>>,
-    /// One a brick, x fastest.
+    /// One a slot, x fastest.
     outputs: Vec<Option<Out>>,
-    /// Bricks that are not done yet.
+    /// Slots that are not done yet.
     left: usize,
 }
 
@@ -39,10 +37,9 @@ struct Finish<'a, Out, Done> {
     failure: Option<(usize, Error)>,
 }
 
-/// Runs `work` for every brick of `chunks` on all threads of the pool.
+/// Runs `work` for each of the `slots` of every one of `chunks` on all threads of the pool: as a rule a slot is a brick.
 ///
-/// `load` says what is there of a chunk; `work` gets a scratch of its thread, that, the brick's index in the lattice and its
-/// slot in the chunk. `hand_on` gets the outputs of a chunk, one a slot (x fastest) when the last is there, one chunk at a time but
+/// `load` says what is there of a chunk; `work` gets a scratch of its thread, that, the chunk and the slot. `hand_on` gets the outputs of a chunk, one a slot (x fastest) when the last is there, one chunk at a time but
 /// not in order; what it returns goes to `add` in the order of `chunks`.
 ///
 /// `progress.stop` lets the chunks in work be finished and begins no other; `progress.cancel` drops them.
@@ -50,7 +47,7 @@ struct Finish<'a, Out, Done> {
 /// # Errors
 /// Those of `load` and `hand_on`; of several the one of the first chunk.
 pub(super) fn for_each_chunk<Old: Send + Sync, Out: Send, Done: Send, Scratch: Default>(
-    lattice: &Lattice,
+    slots: usize,
     chunks: &[[usize; 3]],
     progress: &Progress,
     load: &(dyn Fn([usize; 3]) -> Result<Old> + Sync),
@@ -58,7 +55,6 @@ pub(super) fn for_each_chunk<Old: Send + Sync, Out: Send, Done: Send, Scratch: D
     hand_on: &mut (dyn FnMut([usize; 3], Vec<Option<Out>>) -> Result<Done> + Send),
     add: &mut (dyn FnMut(Done) + Send),
 ) -> Result<()> {
-    let bricks = lattice.bricks_of_chunk().iter().product::<usize>();
     let states: Vec<Mutex<Option<Chunk<Old, Out>>>> = chunks.iter().map(|_| Mutex::new(None)).collect();
     let (next, end) = (AtomicUsize::new(0), AtomicUsize::new(chunks.len()));
     let finish = Mutex::new(Finish { hand_on, add, waiting: BTreeMap::new(), next: 0, failure: None });
@@ -73,7 +69,7 @@ pub(super) fn for_each_chunk<Old: Send + Sync, Out: Send, Done: Send, Scratch: D
         let mut scratch = Scratch::default();
         loop {
             let item = next.fetch_add(1, Ordering::Relaxed);
-            let (position, slot) = (item / bricks, item % bricks);
+            let (position, slot) = (item / slots, item % slots);
             // A chunk begins with its first brick: after that a stop lets it be finished.
             if slot == 0 && progress.stop.load(Ordering::Relaxed) {
                 end.fetch_min(position, Ordering::Relaxed);
@@ -85,8 +81,8 @@ pub(super) fn for_each_chunk<Old: Send + Sync, Out: Send, Done: Send, Scratch: D
             let old = {
                 let mut state = locked(&states[position]);
                 let begin = || {
-                    let outputs = std::iter::repeat_with(|| None).take(bricks).collect();
-                    Ok(Chunk { old: Some(Arc::new(load(chunk)?)), outputs, left: bricks })
+                    let outputs = std::iter::repeat_with(|| None).take(slots).collect();
+                    Ok(Chunk { old: Some(Arc::new(load(chunk)?)), outputs, left: slots })
                 };
                 let begun = match state.take().map_or_else(begin, Ok) {
                     Ok(begun) => begun,
@@ -97,8 +93,7 @@ pub(super) fn for_each_chunk<Old: Send + Sync, Out: Send, Done: Send, Scratch: D
                 old
             };
             let Some(old) = old else { return };
-            let index = lattice.brick_in_chunk(chunk, slot);
-            let output = work(&mut scratch, &old, index, slot);
+            let output = work(&mut scratch, &old, chunk, slot);
             if progress.cancel.load(Ordering::Relaxed) {
                 return;
             }
@@ -147,14 +142,8 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid3;
 
-    const PER_SIDE: usize = 4;
-    const BRICKS: usize = 64;
-
-    fn lattice() -> Lattice {
-        Lattice::from_ratio([2100, 8, 8], 1.0).unwrap()
-    }
+    const SLOTS: usize = 64;
 
     fn chunks(n: usize) -> Vec<[usize; 3]> {
         (0..n).map(|i| [i, 0, 0]).collect()
@@ -172,20 +161,18 @@ mod tests {
             pool(threads)
                 .install(|| {
                     for_each_chunk(
-                        &lattice(),
+                        SLOTS,
                         &chunks(9),
                         &Progress::default(),
                         &|chunk| Ok(chunk[0]),
-                        &|work: &mut usize, old, index, slot| {
+                        &|work: &mut usize, old, chunk, slot| {
                             *work += 1;
-                            (slot != 5).then_some((*old, index))
+                            (slot != 5).then_some((*old, chunk, slot))
                         },
-                        &mut |chunk, outputs: Vec<Option<(usize, [usize; 3])>>| {
-                            assert_eq!(outputs.len(), BRICKS);
+                        &mut |chunk, outputs: Vec<Option<(usize, [usize; 3], usize)>>| {
+                            assert_eq!(outputs.len(), SLOTS);
                             for (slot, output) in outputs.iter().enumerate() {
-                                let inner = grid3::at([PER_SIDE, PER_SIDE], slot);
-                                let index = std::array::from_fn(|a| chunk[a] * PER_SIDE + inner[a]);
-                                assert_eq!(*output, (slot != 5).then_some((chunk[0], index)));
+                                assert_eq!(*output, (slot != 5).then_some((chunk[0], chunk, slot)));
                             }
                             handed.push(chunk[0]);
                             Ok(chunk[0])
@@ -204,21 +191,21 @@ mod tests {
         for (cancel, threads) in [(false, 1), (false, 3), (true, 1), (true, 3)] {
             let progress = Progress::default();
             let mut handed = 0;
-            let work = |_: &mut (), _: &(), index: [usize; 3], slot: usize| {
-                if index[0] / PER_SIDE == 4 && slot == 20 {
+            let work = |_: &mut (), _: &(), chunk: [usize; 3], slot: usize| {
+                if chunk[0] == 4 && slot == 20 {
                     let flag = if cancel { &progress.cancel } else { &progress.stop };
                     flag.store(true, Ordering::Relaxed);
                 }
                 Some(())
             };
             let mut hand_on = |_: [usize; 3], outputs: Vec<Option<()>>| {
-                assert_eq!(outputs.iter().flatten().count(), BRICKS);
+                assert_eq!(outputs.iter().flatten().count(), SLOTS);
                 handed += 1;
                 Ok(())
             };
             pool(threads)
                 .install(|| {
-                    for_each_chunk(&lattice(), &chunks(64), &progress, &|_| Ok(()), &work, &mut hand_on, &mut |()| {})
+                    for_each_chunk(SLOTS, &chunks(64), &progress, &|_| Ok(()), &work, &mut hand_on, &mut |()| {})
                 })
                 .unwrap();
             // The fifth was in work when the flag was set; other threads may have begun one more each.
@@ -240,9 +227,8 @@ mod tests {
             let mut hand_on = |_: [usize; 3], _: Vec<Option<()>>| Ok(());
             let progress = Progress::default();
             let work = |_: &mut (), _: &(), _: [usize; 3], _: usize| Some(());
-            let found = pool(threads).install(|| {
-                for_each_chunk(&lattice(), &chunks(8), &progress, &load, &work, &mut hand_on, &mut |()| {})
-            });
+            let found = pool(threads)
+                .install(|| for_each_chunk(SLOTS, &chunks(8), &progress, &load, &work, &mut hand_on, &mut |()| {}));
             assert!(found.unwrap_err().to_string().contains('3'));
         }
     }

@@ -114,10 +114,11 @@ pub(super) fn estimates_of<E: Estimator>(estimator: &E) -> Vec<TexelEstimate<E::
     estimator.layers().iter().map(|_| TexelEstimate::default()).collect()
 }
 
-/// Computes the selected texels of a brick. Those of `old` are kept where they have as many paths. Once `cancel` is set, the rest is left out.
+/// Computes the wanted texels of a brick. Those of `old` are kept where they have as many paths. Once `cancel` is set, the rest is left out.
 pub(super) fn brick_of<E: Estimator>(
     estimator: &E,
     bake: &Bake<'_>,
+    wanted: &dyn Fn([usize; 3]) -> bool,
     index: [usize; 3],
     old: Option<Vec<Brick>>,
     scratch: &mut E::Scratch,
@@ -133,7 +134,7 @@ pub(super) fn brick_of<E: Estimator>(
             break;
         }
         let texel = bake.layout.lattice.texel_in_brick(index, t);
-        if !bake.selection.contains(texel) {
+        if !wanted(texel) {
             continue;
         }
         summary.texels += 1;

@@ -10,6 +10,7 @@
 //! (flattened transport: Beason 2005; SH transfer per texel: Wyman et al. 2004, Sloan et al. 2002; we
 //! differ in keeping the layers apart and free of albedo).
 
+mod adaptive;
 mod bake;
 mod chunks;
 mod control;
@@ -30,7 +31,10 @@ mod sums;
 #[cfg(test)]
 mod tests;
 
-pub use bake::{Bake, ChunkBricks, Present, Progress, Sink, SurfacePoints, bake, bake_brick, estimates, pilot, trial};
+pub use adaptive::Tolerance;
+pub use bake::{
+    Bake, ChunkBricks, Present, Progress, Sink, SurfacePoints, bake, bake_brick, estimates, pilot, share_traced, trial,
+};
 pub(crate) use chunks::most_in_work;
 pub use direct::{Radiance, SurfacePoint, buried, direct};
 pub use estimator::BrickOutput;

@@ -11,6 +11,8 @@ use crate::transfer::Layers;
 pub struct Summary {
     /// Texels asked for.
     pub texels: u64,
+    /// Texels that an adaptive texture leaves out beside them: they are interpolated.
+    pub left_out: u64,
     /// Of these, texels with a level set and a normal.
     pub valid: u64,
     /// Valid texels whose isovalue was clamped.
@@ -145,9 +147,16 @@ impl Summary {
         }
     }
 
+    /// Adds the work of another part, whose texels are counted elsewhere.
+    pub(super) fn add_work(&mut self, other: &Self) {
+        self.counts += other.counts;
+        self.scene += other.scene;
+    }
+
     /// Adds the totals of another part.
     pub fn add(&mut self, other: &Self) {
         self.texels += other.texels;
+        self.left_out += other.left_out;
         self.valid += other.valid;
         self.clamped += other.clamped;
         self.open += other.open;
@@ -155,8 +164,7 @@ impl Summary {
         self.paths += other.paths;
         self.lost += other.lost;
         self.trapped += other.trapped;
-        self.counts += other.counts;
-        self.scene += other.scene;
+        self.add_work(other);
         self.escape_variance += other.escape_variance;
         if self.transfer.is_empty() {
             (self.transfer, self.offsets) = (other.transfer.clone(), other.offsets.clone());

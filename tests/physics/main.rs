@@ -4,6 +4,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod adaptive;
 mod compare_scenes;
 mod hard_cases;
 mod hard_environments;

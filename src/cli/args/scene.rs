@@ -61,6 +61,7 @@ fn options_of_relight(file: &SceneFile, isovalues: Option<String>, all: &mut Vec
 fn texture(size: TextureSize) -> String {
     match size {
         TextureSize::Ratio(ratio) => ratio.to_string(),
+        TextureSize::Adaptive { error, ratio } => format!("adaptive:{error},{ratio}"),
         TextureSize::Texels([x, y, z]) => format!("{x}x{y}x{z}"),
     }
 }

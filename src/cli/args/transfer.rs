@@ -26,9 +26,10 @@ pub(in crate::cli) struct TransferArgs {
     /// Transfer that stays non-negative under non-negative light, at more noise
     #[arg(long)]
     pub(in crate::cli) positive: bool,
-    /// Bake a texture of this resolution, for all isovalues: a ratio to the data such as 0.5, 1 or 2, or 128x128x96
+    /// Bake a texture of this resolution, for all isovalues: a ratio to the data such as 0.5, 1 or 2, 128x128x96, or
+    /// adaptive:2%, which leaves out texels that can be interpolated with this error, and is finer than the data where that needs it
     /// [default: isovalues that are named are baked at the vertices of their surfaces; else 1]
-    #[arg(long, value_name = "RATIO|XxYxZ")]
+    #[arg(long, value_name = "RATIO|XxYxZ|adaptive:E")]
     pub(in crate::cli) texture: Option<TextureSize>,
     /// Switch effects of the plan on or off by hand, such as -interreflection or +shadowing,-emission (see `isolume plan`)
     #[arg(long, value_name = "+NAME|-NAME[,…]", value_delimiter = ',', allow_hyphen_values = true)]

@@ -96,9 +96,9 @@ pub(in crate::cli) struct Bake {
     #[arg(long)]
     repair: bool,
     /// Pack the store when it is baked, with an error such as 0.5%, or auto for half of the noise (see pack); none keeps it as it is. What is
-    /// packed is not baked into any more
-    #[arg(long, value_name = "E", value_parser = parse_compress, default_value = "none", conflicts_with_all = ["chunks", "replay_texel"])]
-    compress: Compress,
+    /// packed is not baked into any more [default: none; auto of an adaptive texture, which saves no space before it is packed]
+    #[arg(long, value_name = "E", value_parser = parse_compress, conflicts_with_all = ["chunks", "replay_texel"])]
+    compress: Option<Compress>,
     /// Trace one texel alone, print its paths, and bake nothing
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_texel)]
     replay_texel: Option<[usize; 3]>,
@@ -150,7 +150,7 @@ impl Bake {
         if let Some(replacement) = replacement {
             replacement.commit()?;
         }
-        if let (Compress(Some(error)), Some(path)) = (self.compress, &self.output)
+        if let (Compress(Some(error)), Some(path)) = (self.compress(), &self.output)
             && let Some((packed, sizes)) = StoreOptions::default().sync(!self.no_sync).pack_in_place(path, error)?
         {
             console.summary(text::file_line(path, &pack::summary(&packed, sizes)));
@@ -169,6 +169,13 @@ impl Bake {
     fn bakes_surfaces(&self) -> bool {
         let is_path = self.bake.estimator == Estimator::Path;
         !self.bake.isovalues.is_empty() && self.bake.transfer.texture.is_none() && is_path
+    }
+
+    /// Whether and how the store is packed.
+    fn compress(&self) -> Compress {
+        let is_adaptive = matches!(self.bake.transfer.texture, Some(TextureSize::Adaptive { .. }));
+        let usual = if is_adaptive && self.chunks.is_none() { Some(PackError::HalfOfNoise) } else { None };
+        self.compress.unwrap_or(Compress(usual))
     }
 
     /// The time that vertices or texels stop by; there is no texture to choose for surfaces.

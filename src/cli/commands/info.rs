@@ -157,7 +157,10 @@ fn store(argument: &str, maps: bool, console: &Console) -> Outcome {
     let (identity, m) = (store.identity(), store.identity().texels);
     let mut rows = volume_rows(volume);
     rows.extend(store.samples_file().map(|file| row("samples in", file.display().to_string())));
-    rows.push(row("texture", format!("{} × {} × {} texels", m[0], m[1], m[2])));
+    let adaptive = identity.adaptive.map_or(String::new(), |error| {
+        format!(", of which those are interpolated that may be, with an error of {}", text::percent(error))
+    });
+    rows.push(row("texture", format!("{} × {} × {} texels{adaptive}", m[0], m[1], m[2])));
     rows.push(row("layers", format!("{} with {:?} bands", identity.bands.len(), identity.bands)));
     let sign = if identity.positive { ", positive" } else { "" };
     rows.push(row("estimator", format!("{}{sign}, seed {}", identity.estimator, identity.seed)));

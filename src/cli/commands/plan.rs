@@ -95,8 +95,9 @@ impl Plan {
         }
         console.print(effects::table(&plan));
         console.print(format!(
-            "\n{} texels with a level set, {}rays, at most {} in the store, about {} of memory",
+            "\n{} texels with a level set{}, {}rays, at most {} in the store, about {} of memory",
             text::count(plan.valid_texels as u64),
+            effects::left_out(&plan),
             text::metric(plan.rays),
             text::bytes(plan.bytes),
             text::bytes(job.bytes_needed() as f64)

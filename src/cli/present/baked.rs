@@ -10,6 +10,14 @@ fn noun(report: &Report) -> &'static str {
     if report.at_vertices { "vertices" } else { "texels" }
 }
 
+/// What an adaptive texture leaves out.
+fn left_out(report: &Report) -> String {
+    match report.summary.left_out {
+        0 => String::new(),
+        n => format!(", {} interpolated", text::count(n)),
+    }
+}
+
 /// What a finished bake tells of itself, in a line.
 pub(in crate::cli) fn summary_line(report: &Report, store_bytes: u64) -> String {
     let s = &report.summary;
@@ -19,9 +27,10 @@ pub(in crate::cli) fn summary_line(report: &Report, store_bytes: u64) -> String 
     let noise = s.escape_stderr_rms();
     let noise = if noise > 0.0 { format!("; noise {} RMS", text::number(noise, 2)) } else { String::new() };
     format!(
-        "{} {}, {}rays in {}, {}{noise}",
+        "{} {}{}, {}rays in {}, {}{noise}",
         text::count(s.texels),
         noun(report),
+        left_out(report),
         text::metric(s.counts.rays as f64),
         seconds(report.trace_seconds),
         text::bytes(store_bytes as f64),
@@ -45,8 +54,9 @@ pub(in crate::cli) fn lines(report: &Report, store_bytes: u64) -> String {
         (
             noun(report),
             format!(
-                "{} asked, {} valid ({}), {} clamped ({})",
+                "{} asked{}, {} valid ({}), {} clamped ({})",
                 text::count(s.texels),
+                left_out(report),
                 text::count(s.valid),
                 text::percent(valid),
                 text::count(s.clamped),

@@ -68,7 +68,7 @@ class Volume:
         rays: int | None = None,
         layers: int = 4,
         bands: int | None = None,
-        texture: float | None = None,
+        texture: str | None = None,
         positive: bool = False,
         estimator_name: str = "path",
         lights: Sequence[Environment] = (),

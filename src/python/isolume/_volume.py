@@ -105,7 +105,7 @@ class Volume:
         rays: int | None = None,
         layers: int = 4,
         bands: int | None = None,
-        texture: float | None = None,
+        texture: float | str | None = None,
         positive: bool = False,
         estimator: str = "path",
         env: Any = None,
@@ -136,7 +136,8 @@ class Volume:
         layers, bands
             Stored layers of light (1: direct light alone), and spherical-harmonic bands in each.
         texture
-            Texels for each sample along an axis, such as 0.5 or 1: a texture for named isovalues, too.
+            Texels for each sample along an axis, such as 0.5 or 1: a texture for named isovalues, too. Of all isovalues also
+            ``"adaptive:2%"``: up to two, but those are left out that can be interpolated with this error.
         positive
             Transfer that stays non-negative, at more noise.
         estimator
@@ -180,7 +181,7 @@ class Volume:
                 rays=rays,
                 layers=layers,
                 bands=bands,
-                texture=texture,
+                texture=None if texture is None else str(texture),
                 positive=positive,
                 estimator_name=estimator,
                 lights=lights,

@@ -19,14 +19,33 @@ pub enum TextureSize {
     Ratio(f64),
     /// Texels along x, y, z.
     Texels([u64; 3]),
+    /// So many texels to a sample at most: those are left out that can be interpolated with this error, relative to the root mean square
+    /// of the transfer.
+    Adaptive {
+        /// Between 0 and 1.
+        error: f64,
+        /// Above 0 and up to 16.
+        ratio: f64,
+    },
+}
+
+impl From<f64> for TextureSize {
+    fn from(ratio: f64) -> Self {
+        Self::Ratio(ratio)
+    }
 }
 
 impl FromStr for TextureSize {
     /// What to give instead.
     type Err = String;
 
-    /// Reads a ratio such as 0.5, or texels such as 128x128x96.
+    /// Reads a ratio such as 0.5, texels such as 128x128x96, or `adaptive:2%`, which goes up to two texels to a sample;
+    /// `adaptive:2%,1` up to one.
     fn from_str(text: &str) -> std::result::Result<Self, String> {
+        if let Some(rest) = text.strip_prefix("adaptive") {
+            let example = "give adaptive:2%, or with the most texels to a sample adaptive:2%,1";
+            return adaptive(rest).ok_or_else(|| example.into());
+        }
         if let Ok(ratio) = text.parse::<f64>() {
             return if ratio > 0.0 && ratio <= 16.0 {
                 Ok(Self::Ratio(ratio))
@@ -37,9 +56,27 @@ impl FromStr for TextureSize {
         let texels: Option<Vec<u64>> = text.split('x').map(|n| n.parse().ok()).collect();
         match texels.as_deref() {
             Some(&[x, y, z]) => Ok(Self::Texels([x, y, z])),
-            _ => Err("give a ratio such as 0.5, or a resolution such as 128x128x96".into()),
+            _ => Err("give a ratio such as 0.5, a resolution such as 128x128x96, or adaptive:2%".into()),
         }
     }
+}
+
+/// Texels to a sample, at most, of an adaptive texture that does not say.
+const FINEST: f64 = 2.0;
+
+/// Reads what follows `adaptive`.
+fn adaptive(text: &str) -> Option<TextureSize> {
+    let rest = text.strip_prefix(':')?;
+    let (error, ratio) = match rest.split_once(',') {
+        Some((error, ratio)) => (error, ratio.trim().parse().ok()?),
+        None => (rest, FINEST),
+    };
+    let error = match error.trim().strip_suffix('%') {
+        Some(percent) => percent.trim().parse::<f64>().ok()? / 100.0,
+        None => error.trim().parse().ok()?,
+    };
+    let is_legal = error > 0.0 && error < 1.0 && ratio > 0.0 && ratio <= 16.0;
+    is_legal.then_some(TextureSize::Adaptive { error, ratio })
 }
 
 /// How transfer is computed; `None` where the file does not say.
@@ -121,7 +158,11 @@ pub(super) fn bake(item: &Item<'_>) -> Result<BakeDescription> {
 }
 
 fn texture(item: &Item<'_>) -> Result<TextureSize> {
-    let refuse = || item.refuse("a ratio above 0 and up to 16, or [x, y, z] texels", "1 is the resolution of the data");
+    let expected = "a ratio above 0 and up to 16, [x, y, z] texels, or \"adaptive:2%\"";
+    let refuse = || item.refuse(expected, "1 is the resolution of the data");
+    if let Some(rest) = item.as_text().and_then(|text| text.strip_prefix("adaptive")) {
+        return adaptive(rest).ok_or_else(refuse);
+    }
     if let Some(ratio) = item.as_number() {
         return if ratio > 0.0 && ratio <= 16.0 { Ok(TextureSize::Ratio(ratio)) } else { Err(refuse()) };
     }

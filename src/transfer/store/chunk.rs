@@ -18,7 +18,7 @@
 pub(super) mod examine;
 
 use super::super::texture::{check_brick, check_index};
-use super::super::{BRICK_TEXELS, Brick, BrickSource, BrickView, Layers, Layout};
+use super::super::{BRICK_TEXELS, Brick, BrickView, Layers};
 use super::backing::{Backing, Bytes, Staged};
 use super::identity::{FORMAT_VERSION, STAMPED_VERSION};
 use super::packed::{self, Files, PACKED, Packing};
@@ -466,14 +466,9 @@ impl Store {
     }
 }
 
-/// Bricks as they were when their chunk was first touched through this [`Store`].
-impl BrickSource for Store {
-    fn layout(&self) -> &Layout {
-        &self.layout
-    }
-
-    fn brick(&self, index: [usize; 3]) -> Result<Option<BrickView<'_>>> {
-        check_index("brick", index, self.layout.lattice.bricks())?;
+impl Store {
+    /// A brick as it was baked; the index is one of the lattice.
+    pub(super) fn baked_brick(&self, index: [usize; 3]) -> Result<Option<BrickView<'_>>> {
         let count = self.layout.lattice.bricks_of_chunk();
         let chunk = std::array::from_fn(|a| index[a] / count[a]);
         let Some(chunk) = self.open_chunk(chunk)? else { return Ok(None) };

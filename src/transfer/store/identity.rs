@@ -43,6 +43,10 @@ pub struct Identity {
     pub positive: bool,
     /// Seed of all random numbers.
     pub seed: u64,
+    /// Of a texture that leaves out what can be interpolated: the error that this may have, relative to the root mean square of the
+    /// transfer. Texels that were not baked are then the mean of others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub adaptive: Option<f64>,
     /// The walls and luminaires around the volume; none for a volume alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene: Option<SceneIdentity>,
@@ -103,6 +107,7 @@ impl Identity {
             estimator,
             positive,
             seed,
+            adaptive: None,
             scene: None,
         }
     }
@@ -138,6 +143,10 @@ impl Identity {
                 "1 to 2^24 along each axis",
                 METADATA_REMEDY,
             ));
+        }
+        if let Some(error) = self.adaptive.filter(|error| !(*error > 0.0 && *error < 1.0)) {
+            let found = format!("an adaptive texture of error {error}");
+            return Err(Error::format(FORMAT, found, "an error between 0 and 1", METADATA_REMEDY));
         }
         let legal =
             |name: &String| !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
@@ -182,6 +191,7 @@ impl Identity {
                 ("solid", i.solid.clone()),
                 ("bands", list(&i.bands)),
                 ("estimator", estimator_text(i)),
+                ("texture", i.adaptive.map_or("all texels".into(), |e| format!("adaptive:{e}"))),
                 ("positive", i.positive.to_string()),
                 ("seed", i.seed.to_string()),
                 ("coupling", coupling_text(i)),

@@ -274,8 +274,8 @@ pub(super) fn check_chunks(layout: &Layout) -> Result<usize> {
 pub(super) fn check_volume(volume: &Volume, identity: &Identity) -> Result<()> {
     let layout = identity.layout()?;
     let here = Identity::new(volume, &layout, identity.estimator.clone(), identity.positive, identity.seed);
-    let (scene, revision) = (identity.scene.clone(), identity.revision);
-    let here = Identity { grid: volume.dims(), scene, revision, ..here };
+    let (scene, revision, adaptive) = (identity.scene.clone(), identity.revision, identity.adaptive);
+    let here = Identity { grid: volume.dims(), scene, revision, adaptive, ..here };
     match identity.first_difference(&here) {
         None => Ok(()),
         Some((field, given, expected)) => Err(Error::argument(

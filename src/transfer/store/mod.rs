@@ -54,6 +54,7 @@ pub mod complete;
 pub mod diagnose;
 mod estimator;
 mod extent;
+mod filled;
 mod holdings;
 mod identity;
 mod joint;
@@ -97,6 +98,7 @@ use crate::staging;
 use crate::volume::{REMEDY_OF_REFERENCE, Volume};
 use backing::{Backing, Directory};
 use chunk::OpenChunk;
+use filled::Filled;
 use metadata::{
     arrays_of, check_chunks, check_group, check_provenance, check_version, check_volume, hash_of, node_name, open_root,
     packing_of, required_json, sealed, unsealed, write_skeleton,
@@ -132,6 +134,7 @@ pub struct Store {
     surface: Option<Mark>,
     /// Of a group whose chunks are packed.
     packing: Option<Packing>,
+    filled: Filled,
     /// One thread at a time expands a chunk: by its linear index, modulo their number.
     turns: [Mutex<()>; 16],
 }
@@ -249,6 +252,7 @@ impl Store {
             turns: Default::default(),
             provenance: attributes["provenance"].take(),
             chunks: std::iter::repeat_with(OnceLock::new).take(count).collect(),
+            filled: Filled::new(if identity.adaptive.is_some() { count } else { 0 }),
             data: format!("volumes/{node}/data"),
             sync: false,
             identity_hash: identity.hash(),
@@ -389,6 +393,7 @@ impl Store {
             mended: Vec::new(),
             provenance: self.provenance.clone(),
             chunks: std::iter::repeat_with(OnceLock::new).take(self.chunks.len()).collect(),
+            filled: Filled::new(if self.leaves_out() { self.chunks.len() } else { 0 }),
             data: self.data.clone(),
             sync: self.sync,
             group: group.clone(),
@@ -445,6 +450,7 @@ impl Store {
     #[doc(hidden)]
     pub fn refresh(&mut self) {
         self.chunks.iter_mut().for_each(|cell| *cell = OnceLock::new());
+        self.filled.clear();
     }
 
     /// Takes the lock that keeps a second bake out; let go when dropped. Reading and

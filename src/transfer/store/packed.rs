@@ -35,8 +35,6 @@ const HIGH: usize = 4;
 pub const BAKED: u8 = 16;
 /// Places of a block.
 const PLACES: usize = 4096;
-/// Albedo at which the error is stated, and up to which the bound holds.
-const ALBEDO: f64 = 0.7;
 /// Largest |q|: that of 256 · 127 + 127.
 const LARGEST: f64 = 32639.0;
 /// Bits of a standard error that are dropped.
@@ -59,17 +57,6 @@ pub struct Packing {
     pub bound: f64,
     /// The most that such a light does at the albedo 0.7, found texel by texel: at most `bound`.
     pub largest: f64,
-}
-
-/// The weights w_k.
-pub(super) fn weights(layers: &Layers) -> Vec<f64> {
-    std::iter::successors(Some(ALBEDO), |w| Some(w * ALBEDO)).take(layers.len()).collect()
-}
-
-/// The weight of each coefficient.
-pub(super) fn weights_of_coefficients(layers: &Layers) -> Vec<f64> {
-    let of_layer = |(k, w): (usize, f64)| std::iter::repeat_n(w, layers.channels() * layers.bands()[k].pow(2));
-    weights(layers).into_iter().enumerate().flat_map(of_layer).collect()
 }
 
 /// q of a coefficient X; `None` beyond what two bytes hold.
@@ -178,7 +165,7 @@ impl Loss {
     /// # Errors
     /// When a coefficient is not finite, or needs more steps than two bytes count.
     pub fn of(bricks: &[Option<Brick>], layers: &Layers, step: Option<f64>) -> Result<Self> {
-        let (n, e, weights) = (layers.coefficients(), layers.errors(), weights(layers));
+        let (n, e, weights) = (layers.coefficients(), layers.errors(), layers.weights());
         let mut loss = Self::default();
         for brick in bricks.iter().flatten() {
             for t in 0..BRICK_TEXELS {
@@ -193,7 +180,7 @@ impl Loss {
 
     /// The packing that loses this by a step.
     pub fn packing(&self, layers: &Layers, asked: f64, step: f64) -> Packing {
-        let weights = weights(layers);
+        let weights = layers.weights();
         let of_layer = |k: usize| {
             let (bands, w) = (layers.bands()[k] as f64, weights[k]);
             let norm = self.largest_layers.get(k).copied().unwrap_or(0.0) + step / 2.0 * bands / w;
@@ -269,7 +256,7 @@ pub(super) type Files = [Option<Vec<u8>>; PACKED.len()];
 pub(super) fn encode_chunk(packing: &Packing, layout: &Layout, bricks: &[Option<Brick>]) -> Result<Files> {
     let (n, e) = (layout.layers.coefficients(), layout.layers.errors());
     let places = blocks(&layout.lattice) * PLACES;
-    let weights = weights_of_coefficients(&layout.layers);
+    let weights = layout.layers.weights_of_coefficients();
     let (mut low, mut high) = (vec![0i8; places * n], vec![0i8; places * n]);
     let mut stderr = vec![f16::ZERO; places * e];
     let (mut validity, mut rays) = (vec![0u8; places], vec![0u32; places]);
@@ -327,7 +314,7 @@ pub(super) fn decode(
     let validity = read(2, places)?;
     let rays = read(3, places * 4)?;
     let high = if files[HIGH].is_some() { Some(read(HIGH, places * n)?) } else { None };
-    let weights = weights_of_coefficients(layers);
+    let weights = layers.weights_of_coefficients();
     // What the numbers of one byte stand for, for each weight.
     let tables: Vec<[f16; 256]> = (weights.iter())
         .map(|w| std::array::from_fn(|byte| restored(i32::from(byte as u8 as i8), packing.step, *w)))
@@ -420,7 +407,7 @@ pub(super) fn from_attributes(attributes: &serde_json::Value, layers: &Layers) -
     let remedy = "pack it again from the store that it was made of: isolume pack";
     let wrong = |what: String| Error::format(FORMAT, what, "step and weights of packed coefficients", remedy);
     let packing: Packing = serde_json::from_value(found.clone()).map_err(|e| wrong(format!("packing: {e}")))?;
-    if !(packing.step.is_finite() && packing.step > 0.0) || packing.layer_weights != weights(layers) {
+    if !(packing.step.is_finite() && packing.step > 0.0) || packing.layer_weights != layers.weights() {
         return Err(wrong(format!("a step of {} and the weights {:?}", packing.step, packing.layer_weights)));
     }
     Ok(Some(packing))
@@ -490,7 +477,7 @@ mod tests {
                 let packed = encode_chunk(&packing, &layout, &bricks).unwrap();
                 assert_eq!(packed[HIGH].is_some(), step < 0.001);
                 let back = decode(&packing, &layout, &files(&packed)).unwrap();
-                let weights = weights_of_coefficients(&layout.layers);
+                let weights = layout.layers.weights_of_coefficients();
                 for (was, is) in bricks.iter().zip(&back) {
                     let (Some(was), Some(is)) = (was, is) else {
                         assert!(was.is_none() && is.is_none());

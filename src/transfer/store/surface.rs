@@ -11,7 +11,7 @@ use super::metadata::{
     packing_of, required_json, sealed, unsealed,
 };
 use super::zarr::{self, Array, CHECKSUM, Codec, FORMAT};
-use super::{Backing, Identity, Store, lock};
+use super::{Backing, Filled, Identity, Store, lock};
 use crate::error::{Error, Result};
 use crate::geom::Affine;
 use crate::surface::Mesh;
@@ -261,6 +261,8 @@ impl Store {
             mended: Vec::new(),
             env: place,
             chunks: std::iter::repeat_with(OnceLock::new).take(chunks).collect(),
+            // Vertices are all baked.
+            filled: Filled::new(0),
             layout,
             group: Group::Environment,
             surface: Some(mark),

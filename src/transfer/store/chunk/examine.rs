@@ -46,13 +46,15 @@ impl Texels {
         self.not_finite += other.not_finite;
     }
 
-    fn count(&mut self, view: &BrickView<'_>, brick: [usize; 3], selection: &Selection) {
+    /// `leaves_out`: texels that were not baked are interpolated.
+    fn count(&mut self, view: &BrickView<'_>, brick: [usize; 3], selection: &Selection, leaves_out: bool) {
         self.bricks += 1;
         let coefficients = view.transfer.len() / BRICK_TEXELS;
         for (t, (&flags, transfer)) in view.validity.iter().zip(view.transfer.chunks_exact(coefficients)).enumerate() {
             let valid = flags & validity::VALID != 0;
             self.not_finite += u64::from(valid && transfer.iter().any(|v| !v.is_finite()));
-            if selection.contains(selection.lattice().texel_in_brick(brick, t)) {
+            let is_left_out = leaves_out && transfer[0].is_nan();
+            if !is_left_out && selection.contains(selection.lattice().texel_in_brick(brick, t)) {
                 self.selected += 1;
                 self.invalid += u64::from(!valid);
                 self.clamped += u64::from(flags & validity::CLAMPED != 0);
@@ -83,7 +85,8 @@ impl Store {
                 continue;
             }
             match self.view(&chunk, slot) {
-                Ok(Some(view)) => texels.count(&view, brick, selection),
+                Ok(Some(view)) => texels.count(&view, brick, selection, self.leaves_out()),
+                Ok(None) if self.leaves_out() => {}
                 Ok(None) => texels.bricks_absent += u64::from(selection.touches_brick(brick)),
                 Err(error) => damage.push(error),
             }
