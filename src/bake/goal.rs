@@ -7,7 +7,7 @@ use crate::level::Pyramid;
 use crate::sh::Coefficients;
 use crate::transfer::store::{Baked, ErrorTarget, Store};
 use crate::transfer::{Layers, Selection};
-use crate::transport::{ErrorHistogram, Settings, Target, pilot, radiance_weights, trial};
+use crate::transport::{ErrorHistogram, Settings, Target, noise_picked, pilot, radiance_weights, trial};
 use serde_json::json;
 
 /// An environment that errors are measured by.
@@ -91,6 +91,11 @@ const ALBEDO: f32 = 0.7;
 /// Texels and rays of the trial that gives the mean radiance under an environment.
 const MEAN_TEXELS: u64 = 4096;
 const MEAN_RAYS: u32 = 64;
+/// Texels of the trial that tells how much of the noise the lights pick.
+const PICKED_TEXELS: u64 = 2048;
+/// Variance over what standard errors say of it, at least and at most.
+const LEAST_PICKED: f64 = 0.5;
+const MOST_PICKED: f64 = 4.0;
 /// Part of the time that is kept for writing and for what the trial misjudges.
 const RESERVE: f64 = 0.1;
 /// Part of the time that one trial may take, and the number of trials.
@@ -164,6 +169,11 @@ impl Kind {
                 true => own,
                 false => larger(&luminaires, &own),
             };
+        }
+        if job.geometry.is_none() {
+            let picked = noise_picked(&job.bake(pyramid, &settings, &selection), PICKED_TEXELS, &weights)?;
+            let factor = picked.clamp(LEAST_PICKED, MOST_PICKED).sqrt() as f32;
+            weights.iter_mut().flatten().for_each(|weight| *weight *= factor);
         }
         let mut hash = blake3::Hasher::new();
         for weight in weights.iter().flatten() {
@@ -290,7 +300,8 @@ impl Request<'_> {
         observer: &dyn Observer,
     ) -> Result<f32> {
         let bricks = selection.bricks();
-        let total = selection.len() as f64;
+        let all = selection.len() as f64;
+        let total = all * self.share_traced(pyramid, selection)?;
         let measure = |error: f64, count: usize| -> Result<f64> {
             let picked: Vec<[usize; 3]> = spread(&bricks, count);
             let target = kind.target(kind.of_each(error as f32));
@@ -322,7 +333,7 @@ impl Request<'_> {
             }
             error = next;
             let texels = TRIAL * seconds / allowed.max(per_texel);
-            count = ((texels / total * bricks.len() as f64).min(1e9) as usize).max(8);
+            count = ((texels / all * bricks.len() as f64).min(1e9) as usize).max(8);
         }
         Ok(two_digits(error))
     }

@@ -502,8 +502,9 @@ impl<'a> Request<'a> {
     }
 
     /// The share of the texels that an adaptive texture traces: of 64 bricks.
-    fn share_traced(&self, pyramid: &Pyramid, selection: &Selection) -> Result<f64> {
+    pub(super) fn share_traced(&self, pyramid: &Pyramid, selection: &Selection) -> Result<f64> {
         let Some(error) = self.adaptive else { return Ok(1.0) };
+        self.check_adaptive(error)?;
         let settings = Settings { rays: RAYS, target: None, ..self.settings.clone() };
         let bake = self.bake(pyramid, &settings, selection);
         let tolerance = Tolerance::new(&bake, error)?;

@@ -162,6 +162,17 @@ pub struct Plan {
     pub bytes: f64,
 }
 
+impl Plan {
+    /// What an adaptive texture is predicted to leave out, in words; nothing of other textures.
+    #[doc(hidden)]
+    pub fn left_out(&self) -> String {
+        match self.traced_share {
+            share if share < 1.0 => format!(" ({:.1} % of the texture, the rest is interpolated)", 100.0 * share),
+            _ => String::new(),
+        }
+    }
+}
+
 /// Makes the plan.
 pub fn plan(input: &PlanInput<'_>) -> Plan {
     let pilot = input.pilot;

@@ -9,10 +9,11 @@ use super::open::Openness;
 use super::path::{Scratch, Settings, TexelEstimate, estimate};
 use super::scene_path::{Among, SpecularLight, needs_photons};
 use super::summary::Summary;
-use super::sums::Real;
+use super::sums::{Real, stated_variance};
 use crate::error::{Error, Result};
 use crate::grid3;
 use crate::level::{Counts, LevelField, Pyramid, Site};
+use crate::sampling::hash::key;
 use crate::scene::geometry::Geometry;
 use crate::transfer::{Brick, Group, Layers, Layout, Selection};
 use crate::volume::{Sample, Volume, with_samples};
@@ -413,6 +414,42 @@ pub fn share_traced(bake: &Bake<'_>, bricks: &[[usize; 3]]) -> Result<f64> {
 /// As [`bake`].
 pub fn pilot(bake: &Bake<'_>, texels: u64) -> Result<Summary> {
     bake.check()?;
+    let picked = spread_texels(bake, texels);
+    with_path_tracer!(bake, Openness::of_pilot, estimator => Ok(of_texels(&estimator, bake, &picked)))
+}
+
+/// The variance of radiance under a light over what standard errors say of it, from two independent estimates of some texels of a volume
+/// alone: errors are of bands, in the mean over their orders, and a light that is brightest where edges of visibility lie picks more.
+/// `weights`: of the transfer in each number, layer-major.
+///
+/// # Errors
+/// As [`bake`].
+pub fn noise_picked(bake: &Bake<'_>, texels: u64, weights: &[Vec<f32>]) -> Result<f64> {
+    let all: Vec<([usize; 3], u32)> =
+        spread_texels(bake, texels).into_iter().map(|texel| (texel, bake.settings.rays)).collect();
+    let seeds = [bake.settings.seed, key(bake.settings.seed, SECOND)];
+    let [first, second] = seeds.map(|seed| {
+        let settings = Settings { seed, ..bake.settings.clone() };
+        estimates(&Bake { settings: &settings, ..*bake }, &all)
+    });
+    let (mut found, mut stated) = (0.0, 0.0);
+    for pair in first?.iter().flatten().zip(second?.iter().flatten()) {
+        let ([a, ..], [b, ..]) = (&pair.0[..], &pair.1[..]) else { continue };
+        for weights in weights {
+            let numbers = weights.iter().zip(a.transfer.iter().zip(&b.transfer));
+            found += numbers.map(|(w, (a, b))| f64::from(w * (a - b))).sum::<f64>().powi(2);
+            stated +=
+                [a, b].map(|one| f64::from(stated_variance(&bake.settings.layers, weights, one))).iter().sum::<f64>();
+        }
+    }
+    Ok(if stated > 0.0 { found / stated } else { 1.0 })
+}
+
+/// The stream of the second of two estimates.
+const SECOND: u64 = 0x7365_636f;
+
+/// Every `stride`-th selected texel in the order of the lattice, about so many.
+fn spread_texels(bake: &Bake<'_>, texels: u64) -> Vec<[usize; 3]> {
     let m = bake.layout.lattice.texels();
     let all: u64 = m.iter().map(|&v| v as u64).product();
     let stride = (bake.selection.len() / texels.max(1)).max(1);
@@ -428,7 +465,7 @@ pub fn pilot(bake: &Bake<'_>, texels: u64) -> Result<Summary> {
             seen += 1;
         }
     }
-    with_path_tracer!(bake, Openness::of_pilot, estimator => Ok(of_texels(&estimator, bake, &picked)))
+    picked
 }
 
 /// The totals of single texels.

@@ -33,7 +33,8 @@ mod tests;
 
 pub use adaptive::Tolerance;
 pub use bake::{
-    Bake, ChunkBricks, Present, Progress, Sink, SurfacePoints, bake, bake_brick, estimates, pilot, share_traced, trial,
+    Bake, ChunkBricks, Present, Progress, Sink, SurfacePoints, bake, bake_brick, estimates, noise_picked, pilot,
+    share_traced, trial,
 };
 pub(crate) use chunks::most_in_work;
 pub use direct::{Radiance, SurfacePoint, buried, direct};

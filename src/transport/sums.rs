@@ -193,7 +193,7 @@ pub(super) fn combine_paths(
 }
 
 /// Variance of Σ w_i T_i from the stated errors, as [`Target`] describes it; T is the mean of the channels.
-fn stated_variance<F: Real>(layers: &Layers, weights: &[f32], texel: &TexelEstimate<F>) -> f32 {
+pub(super) fn stated_variance<F: Real>(layers: &Layers, weights: &[f32], texel: &TexelEstimate<F>) -> f32 {
     let root_four_pi = std::f32::consts::PI.sqrt() * 2.0;
     let channels = layers.channels();
     // Of each layer: the first of its weights, which are those of one channel.

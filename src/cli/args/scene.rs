@@ -1,6 +1,6 @@
 //! What a scene file says as options, where a command takes a volume.
 
-use crate::scene::{SceneFile, TextureSize};
+use crate::scene::SceneFile;
 use crate::volume::Solid;
 
 /// An option as the line of a command has it, and the name by which clap knows it.
@@ -20,7 +20,7 @@ pub(in crate::cli) fn options(file: &SceneFile, command: &str) -> Vec<Written> {
     add("rays", "--rays", bake.rays.map(|n| n.to_string()));
     add("layers", "--layers", bake.layers.map(|n| n.to_string()));
     add("error", "--error", bake.error.map(|e| e.to_string()));
-    add("texture", "--texture", bake.texture.map(texture));
+    add("texture", "--texture", bake.texture.map(|size| size.to_string()));
     if bake.positive == Some(true) {
         all.push(("positive", "--positive".into()));
     }
@@ -55,13 +55,5 @@ fn options_of_relight(file: &SceneFile, isovalues: Option<String>, all: &mut Vec
     add("exposure", "--exposure", camera.exposure.clone());
     for output in &scene.outputs {
         add("output", "--output", Some(output.value.clone()));
-    }
-}
-
-fn texture(size: TextureSize) -> String {
-    match size {
-        TextureSize::Ratio(ratio) => ratio.to_string(),
-        TextureSize::Adaptive { error, ratio } => format!("adaptive:{error},{ratio}"),
-        TextureSize::Texels([x, y, z]) => format!("{x}x{y}x{z}"),
     }
 }

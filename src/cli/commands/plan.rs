@@ -97,7 +97,7 @@ impl Plan {
         console.print(format!(
             "\n{} texels with a level set{}, {}rays, at most {} in the store, about {} of memory",
             text::count(plan.valid_texels as u64),
-            effects::left_out(&plan),
+            plan.left_out(),
             text::metric(plan.rays),
             text::bytes(plan.bytes),
             text::bytes(job.bytes_needed() as f64)

@@ -10,14 +10,6 @@ fn noun(report: &Report) -> &'static str {
     if report.at_vertices { "vertices" } else { "texels" }
 }
 
-/// What an adaptive texture leaves out.
-fn left_out(report: &Report) -> String {
-    match report.summary.left_out {
-        0 => String::new(),
-        n => format!(", {} interpolated", text::count(n)),
-    }
-}
-
 /// What a finished bake tells of itself, in a line.
 pub(in crate::cli) fn summary_line(report: &Report, store_bytes: u64) -> String {
     let s = &report.summary;
@@ -25,12 +17,13 @@ pub(in crate::cli) fn summary_line(report: &Report, store_bytes: u64) -> String 
         return format!("nothing to bake, all {} chunks are there", report.chunks_kept);
     }
     let noise = s.escape_stderr_rms();
+    let left_out = Some(s.left_out).filter(|n| *n > 0).map(|n| format!(" and {} interpolated", text::count(n)));
     let noise = if noise > 0.0 { format!("; noise {} RMS", text::number(noise, 2)) } else { String::new() };
     format!(
         "{} {}{}, {}rays in {}, {}{noise}",
         text::count(s.texels),
         noun(report),
-        left_out(report),
+        left_out.unwrap_or_default(),
         text::metric(s.counts.rays as f64),
         seconds(report.trace_seconds),
         text::bytes(store_bytes as f64),
@@ -54,9 +47,9 @@ pub(in crate::cli) fn lines(report: &Report, store_bytes: u64) -> String {
         (
             noun(report),
             format!(
-                "{} asked{}, {} valid ({}), {} clamped ({})",
+                "{} asked, {} left out, {} valid ({}), {} clamped ({})",
                 text::count(s.texels),
-                left_out(report),
+                text::count(s.left_out),
                 text::count(s.valid),
                 text::percent(valid),
                 text::count(s.clamped),

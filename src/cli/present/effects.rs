@@ -23,12 +23,3 @@ pub(in crate::cli) fn table(plan: &scene::Plan) -> String {
     }
     text::table(&rows)
 }
-
-/// What an adaptive texture is predicted to leave out.
-pub(in crate::cli) fn left_out(plan: &scene::Plan) -> String {
-    if plan.traced_share < 1.0 {
-        format!(" ({} of the texture, the rest is interpolated)", text::percent(plan.traced_share))
-    } else {
-        String::new()
-    }
-}

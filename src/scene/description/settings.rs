@@ -5,6 +5,7 @@ use super::read::Item;
 use crate::error::Result;
 use crate::scene::{MOST_SUNS, SunSplit};
 use crate::sh::MAX_BANDS;
+use std::fmt;
 use std::str::FromStr;
 
 /// Most layers; the limit of [`crate::transfer::Layers`], which scenes come before.
@@ -32,6 +33,17 @@ pub enum TextureSize {
 impl From<f64> for TextureSize {
     fn from(ratio: f64) -> Self {
         Self::Ratio(ratio)
+    }
+}
+
+impl fmt::Display for TextureSize {
+    /// As it is read.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Ratio(ratio) => write!(f, "{ratio}"),
+            Self::Texels([x, y, z]) => write!(f, "{x}x{y}x{z}"),
+            Self::Adaptive { error, ratio } => write!(f, "adaptive:{error},{ratio}"),
+        }
     }
 }
 
