@@ -184,7 +184,7 @@ pub(crate) fn translucent() -> Error {
 ///
 /// # Errors
 /// [`Error::Limit`] when cache and output would take more than `memory_limit`; those of [`super::bake()`];
-/// passes or rays that make no sense.
+/// passes or rays that make no sense; a translucent solid.
 pub fn gather(
     bake: &Bake<'_>,
     settings: &GatherSettings,
