@@ -115,6 +115,12 @@ impl Report {
         self.target.as_ref().map_or("Σ a_k".into(), |t| t.of.replace(ESCAPE, "Σ a_k and a_0"))
     }
 
+    /// The light that the bias is told under.
+    #[doc(hidden)]
+    pub fn bias_of(&self) -> &'static str {
+        if self.summary.gains.len() > 1 { "the luminaires" } else { "constant light" }
+    }
+
     /// By how much the error that was aimed at is missed, where paths did not suffice.
     #[doc(hidden)]
     pub fn missed_goal(&self) -> Option<String> {
@@ -190,7 +196,7 @@ impl Report {
             "mrays_per_second": s.counts.rays as f64 / self.trace_seconds.max(1e-9) / 1e6,
             "chunks": { "baked": self.chunks_baked, "kept": self.chunks_kept, "damaged": self.damaged },
             "mended_files": self.mended,
-            "bias": self.bias.as_ref().map(bias_json),
+            "bias": self.bias.as_ref().map(|bias| bias_json(bias, self.bias_of())),
             "photons": self.photons.as_ref().map(photons_json),
             "store_bytes": store_bytes,
         })
@@ -231,9 +237,10 @@ impl Report {
     }
 }
 
-fn bias_json(b: &Bias) -> Value {
+fn bias_json(b: &Bias, of: &str) -> Value {
     json!({
         "texels": b.texels,
+        "of": of,
         "mean": b.relative(b.mean),
         "mean_stderr": b.relative(b.mean_stderr),
         "rms": b.relative(b.rms()),

@@ -16,8 +16,8 @@ use crate::surface::extract_without_normals;
 use crate::transfer::store::{Baked, EstimatorIdentity, Identity, Shadows, Store, Surroundings};
 use crate::transfer::{Lattice, Layout, Selection, texels_of_isosurfaces};
 use crate::transport::{
-    Bake, GatherSettings, PhotonBake, PhotonScene, Settings, SpecularPhotons, SurfacePoints, Tolerance, most_in_work,
-    needs_photons, pilot, share_traced,
+    Bake, GatherSettings, PhotonBake, PhotonScene, Settings, SpecularPhotons, SurfacePoints, Tolerance, cache_memory,
+    most_in_work, needs_photons, pilot, share_traced,
 };
 use crate::volume::{Shadowing, Volume};
 use serde_json::{Value, json};
@@ -227,6 +227,19 @@ impl<'a> Request<'a> {
             let among = if alone { Surroundings::Volumes } else { Surroundings::Walls };
             let caustics = self.has_caustics();
             let photons = (caustics && !needs_photons(geometry).is_empty()).then_some(CAUSTIC_PHOTONS);
+            if self.estimator == Estimator::Gather {
+                let GatherSettings { passes, cache_rays, .. } = self.gather_settings();
+                let (passes, rays, isovalues) = (passes - 1, self.settings.rays, self.isovalues.clone());
+                return EstimatorIdentity::SceneGather {
+                    among,
+                    caustics,
+                    photons,
+                    passes,
+                    cache_rays,
+                    rays,
+                    isovalues,
+                };
+            }
             return EstimatorIdentity::ScenePath { among, caustics, photons };
         }
         let shadowing = match self.volume.shadowing {
@@ -389,7 +402,17 @@ impl<'a> Request<'a> {
         // Chunks of an adaptive texture are worked on with what closes them: twice as many bricks.
         let closed = if self.adaptive.is_some() { (2 * most_in_work(threads) as u64) << 15 } else { 0 };
         // 16 chunks of 32³ texels are held.
-        needed + partners + closed * bytes_of_scene_texel(&self.layout.layers, self.geometry) + groups * (16 << 15)
+        let closed = closed * bytes_of_scene_texel(&self.layout.layers, self.geometry);
+        needed + partners + closed + groups * (16 << 15) + self.bytes_of_cache()
+    }
+
+    /// Those of the cache of `gather`.
+    fn bytes_of_cache(&self) -> u64 {
+        if self.estimator != Estimator::Gather {
+            return 0;
+        }
+        let (lattice, bricks) = (&self.layout.lattice, self.selection().bricks().len() as u64);
+        cache_memory(lattice, &self.layout.layers, self.geometry, bricks, &self.gather_settings())
     }
 
     /// [`crossed_cells`], counted once for a list of isovalues, however often the memory is asked for.
@@ -442,9 +465,7 @@ impl<'a> Request<'a> {
                     .into(),
             });
         }
-        if self.geometry.is_some() {
-            self.check_scene()?;
-        }
+        self.check_estimator()?;
         if let Some(error) = self.adaptive {
             self.check_adaptive(error)?;
         }
@@ -452,6 +473,14 @@ impl<'a> Request<'a> {
             let remedy = "name isovalues, without --texture; or give the option to relight of the store";
             let given = "the texels of a texture";
             return Err(Error::argument("--exact-vertices", given, "vertices of isosurfaces", remedy));
+        }
+        Ok(())
+    }
+
+    /// Refuses what the estimator cannot do.
+    fn check_estimator(&self) -> Result<()> {
+        if let Some(geometry) = self.geometry {
+            self.check_scene(geometry)?;
         }
         if self.surfaces && self.estimator != Estimator::Path {
             let name = format!("estimator {}", self.estimator.name());
@@ -493,9 +522,10 @@ impl<'a> Request<'a> {
     /// The plan of effects, from a trial of a few texels.
     ///
     /// # Errors
-    /// Those of the trial: a volume without cells, rays that are no power of two.
+    /// Those of the trial: a volume without cells, rays that are no power of two; what the estimator cannot do.
     #[doc(hidden)]
     pub fn plan(&self, pyramid: &Pyramid) -> Result<scenes::Plan> {
+        self.check_estimator()?;
         let selection = self.selection();
         let share = self.share_traced(pyramid, &selection)?;
         self.plan_of(pyramid, &selection, (self.isovalues.as_deref(), share), self.settings.rays, self.hints)
@@ -530,7 +560,7 @@ impl<'a> Request<'a> {
             }
             None => (self.pilot_of_volume(pyramid, selection)?, None),
         };
-        Ok(scenes::plan(&scenes::PlanInput {
+        let mut plan = scenes::plan(&scenes::PlanInput {
             texels: layout.lattice.texels().iter().map(|&m| m as u64).product(),
             selected: selection.len(),
             isovalues,
@@ -546,7 +576,24 @@ impl<'a> Request<'a> {
             traced_share,
             pilot: &pilot,
             surroundings: surroundings.as_ref(),
-        }))
+        });
+        if self.estimator == Estimator::Gather {
+            self.plan_cache(&mut plan, rays);
+        }
+        Ok(plan)
+    }
+
+    /// What `gather` makes of a plan: its paths end where they first meet the level set, and those of the cache do not.
+    fn plan_cache(&self, plan: &mut scenes::Plan, rays: u32) {
+        let how = self.gather_settings();
+        let Some(row) = plan.effects.iter_mut().find(|row| row.name == "interreflection" && row.on) else { return };
+        row.setting += &format!(", by a cache that {} paths a texel fill", (how.passes - 1) * how.cache_rays);
+        row.reason += "; where a path meets its level set the texture says the rest, with a bias that the bake prints";
+        let cache = f64::from((how.passes - 1) * how.cache_rays) / f64::from(rays.max(1));
+        let all = 1.0 - row.cost_share + cache;
+        row.cost_share = cache;
+        plan.effects.iter_mut().for_each(|row| row.cost_share /= all);
+        plan.rays *= all;
     }
 
     fn pilot_of_volume(&self, pyramid: &Pyramid, selection: &Selection) -> Result<scenes::Pilot> {

@@ -8,7 +8,7 @@ use crate::scene::geometry::{Among, Geometry, Partner};
 use crate::scene::{self, IsovalueMap, Scene};
 use crate::transfer::store::{BodyIdentity, CouplingIdentity, PartnerIdentity, SceneIdentity, Store};
 use crate::transfer::{Layers, Layout, Selection};
-use crate::transport::{Bake, Settings, needs_photons, pilot};
+use crate::transport::{Bake, Settings, needs_photons, pilot, translucent};
 use crate::volume::Solid;
 use std::sync::Arc;
 
@@ -49,16 +49,21 @@ impl Request<'_> {
     }
 
     /// Refuses what bakes of scenes cannot do.
-    pub(super) fn check_scene(&self) -> Result<()> {
-        let refuse = |name: &str, remedy: &str| {
-            let expected = "a volume without walls and luminaires";
-            Err(Error::argument(name, "a scene that has them", expected, remedy))
-        };
-        if self.estimator != Estimator::Path {
-            return refuse("estimator", "leave it out: scenes are baked by path");
+    pub(super) fn check_scene(&self, geometry: &Geometry) -> Result<()> {
+        match self.estimator {
+            Estimator::Photon => {
+                let expected = "a volume alone: photons do not tell how often light meets the surface again, which a store of a \
+                    scene holds for emission and for what lies beyond its layers";
+                let remedy = "use path or gather; compare --against photon says what photons make of the surface";
+                return Err(Error::argument("estimator photon", "a scene", expected, remedy));
+            }
+            Estimator::Gather if geometry.body().is_some() => return Err(translucent()),
+            Estimator::Gather | Estimator::Path => {}
         }
         if self.effects.switched("shadowing").is_some() {
-            return refuse("effects", "leave it out: among walls every texel is traced");
+            let (found, expected) = ("a scene that has them", "a volume without walls and luminaires");
+            let remedy = "leave it out: among walls every texel is traced";
+            return Err(Error::argument("effects", found, expected, remedy));
         }
         Ok(())
     }

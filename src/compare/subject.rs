@@ -66,7 +66,7 @@ impl Subject {
 
     /// Whether light by way of mirrors and glass was baked.
     pub fn has_caustics(&self) -> bool {
-        !matches!(self.textures[0].identity().estimator, EstimatorIdentity::ScenePath { caustics: false, .. })
+        self.textures[0].identity().estimator.has_caustics()
     }
 
     /// Photons of light that paths did not find, as they were sent out for its texture, or for the vertices of one isosurface.
@@ -75,7 +75,7 @@ impl Subject {
     /// As [`SpecularPhotons::new`].
     pub fn specular_photons(&self, isovalue: Option<f64>) -> Result<Option<SpecularPhotons>> {
         let identity = self.textures[0].identity();
-        let EstimatorIdentity::ScenePath { photons: Some(sent), .. } = identity.estimator else { return Ok(None) };
+        let Some(sent) = identity.estimator.specular_photons() else { return Ok(None) };
         let (volume, pyramid) = (&self.volume, &self.pyramid);
         let scene = PhotonScene { volume, pyramid, geometry: self.geometry.as_ref(), light: None };
         let limit = memory::default_limit();

@@ -51,11 +51,11 @@ impl Study<'_> {
     /// Bakes the texels that the surface needs.
     ///
     /// # Errors
-    /// As [`bake`]; another estimator than `path` in a scene.
+    /// As [`bake`] and [`gather`]; the estimator `photon` in a scene.
     pub fn bake(&self, setting: &Setting, seed: u64, clock: &Clock<'_>) -> Result<Baked> {
-        if self.surface.geometry.is_some() && setting.estimator != Estimator::Path {
+        if self.surface.geometry.is_some() && setting.estimator == Estimator::Photon {
             let remedy = "leave it out: scenes are baked by path";
-            return Err(Error::argument("estimator", setting.estimator.name(), "path in a scene", remedy));
+            return Err(Error::argument("estimator", setting.estimator.name(), "path or gather in a scene", remedy));
         }
         let (volume, isovalue) = (self.surface.volume, self.surface.isovalue);
         let lattice = setting.lattice(&self.surface)?;

@@ -68,7 +68,7 @@ pub struct Study<'a> {
 /// How a texture is baked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
-    /// What fills it; in a scene [`Estimator::Path`].
+    /// What fills it; in a scene not [`Estimator::Photon`].
     pub estimator: Estimator,
     /// Paths for each texel.
     pub rays: u32,

@@ -237,9 +237,10 @@ impl Sweep<'_> {
         ladder.get(ladder.len() * 2 / 3).copied().unwrap_or(LEAST_RAYS)
     }
 
-    /// Every bake; in a scene by `path` alone.
+    /// Every bake; in a scene none by `photon`, and of a translucent solid all by `path`.
     fn settings(&self) -> Result<Vec<Asked>> {
         let is_scene = self.member.geometry.is_some();
+        let is_translucent = self.member.geometry.as_ref().is_some_and(|geometry| geometry.body().is_some());
         if self.most_rays < LEAST_RAYS {
             let expected = format!("at least {LEAST_RAYS}, where every sweep begins");
             let remedy = "1024 is the default; --quick makes a study short";
@@ -263,7 +264,7 @@ impl Sweep<'_> {
         for &n in &ladder {
             add("path", format!("{n}"), setting(Path, n, &BANDS, 1.0));
         }
-        for n in every(2).into_iter().filter(|_| !is_scene) {
+        for n in every(2).into_iter().filter(|_| !is_translucent) {
             add("gather", format!("{n}"), setting(Gather, n, &BANDS, 1.0));
         }
         for n in every(2) {

@@ -256,7 +256,7 @@ pub(super) fn fill_alone<T: Sample>(
 }
 
 /// The loop over chunks, for any estimator.
-fn fill<E: Estimator>(
+pub(super) fn fill<E: Estimator>(
     estimator: &E,
     bake: &Bake<'_>,
     chunks: &[[usize; 3]],

@@ -40,6 +40,7 @@ pub(crate) use chunks::most_in_work;
 pub use direct::{Radiance, SurfacePoint, buried, direct};
 pub use estimator::BrickOutput;
 pub use gather::{Bias, CachePrecision, GatherSettings, Gathered, Lookups, gather, gather_memory};
+pub(crate) use gather::{cache_memory, translucent};
 pub use geometric::{CellPoints, ExactPoint, GeometricCounts, geometric, points_in_cells};
 pub use path::{Settings, Target, TexelEstimate, radiance_weights};
 pub use photon::{

@@ -8,7 +8,7 @@ use isolume::relight::{Contracted, Light, LookupReport, LuminaireLight, Material
 use isolume::scene::geometry::Geometry;
 use isolume::transfer::texels_of_isosurface;
 use isolume::transfer::{BRICK, BrickSource, Lattice, Layers, Layout, MemoryTexture, Selection, validity};
-use isolume::transport::{Bake, Progress, Settings, Summary, bake};
+use isolume::transport::{Bake, GatherSettings, Gathered, Progress, Settings, Sink, Summary, bake, gather};
 use isolume::volume::Volume;
 use isolume::volume::field::Field;
 use std::f64::consts::PI;
@@ -24,6 +24,33 @@ pub struct BakedScene {
 
 /// Bakes the texels of some isosurfaces of a volume among what stands around it, two bands to a layer.
 pub fn baked(volume: &Volume, geometry: &Geometry, isovalues: &[f64], rays: u32, layers: usize) -> BakedScene {
+    let (scene, _) = filled(volume, geometry, isovalues, (rays, layers), |request, chunks, sink| {
+        (bake(request, chunks, &Progress::default(), &|_| Ok(None), sink).expect("a bake"), ())
+    });
+    scene
+}
+
+/// The same by the estimator `gather`.
+pub fn gathered(
+    volume: &Volume,
+    geometry: &Geometry,
+    isovalues: &[f64],
+    (rays, layers): (u32, usize),
+    settings: &GatherSettings,
+) -> (BakedScene, Gathered) {
+    filled(volume, geometry, isovalues, (rays, layers), |request, chunks, sink| {
+        let gathered = gather(request, settings, chunks, &Progress::default(), &|_| Ok(None), sink).expect("a gather");
+        (gathered.summary.clone(), gathered)
+    })
+}
+
+fn filled<R>(
+    volume: &Volume,
+    geometry: &Geometry,
+    isovalues: &[f64],
+    (rays, layers): (u32, usize),
+    fill: impl Fn(&Bake<'_>, &[[usize; 3]], &mut Sink<'_>) -> (Summary, R),
+) -> (BakedScene, R) {
     let layers = Layers::uniform(layers, 2).expect("layers").coloured();
     let layout =
         Layout { lattice: Lattice::from_ratio(volume.dims(), 1.0).expect("a lattice"), layers: layers.clone() };
@@ -37,12 +64,11 @@ pub fn baked(volume: &Volume, geometry: &Geometry, isovalues: &[f64], rays: u32,
         request.groups().iter().map(|g| MemoryTexture::new(g.layout(layout).expect("a layout"))).collect();
     let [cx, cy, cz] = layout.lattice.chunks();
     let chunks: Vec<[usize; 3]> = (0..cx * cy * cz).map(|i| [i % cx, i / cx % cy, i / cx / cy]).collect();
-    let summary = bake(&request, &chunks, &Progress::default(), &|_| Ok(None), &mut |chunk, groups| {
+    let (summary, more) = fill(&request, &chunks, &mut |chunk, groups| {
         textures.iter_mut().zip(groups).try_for_each(|(texture, bricks)| texture.insert_chunk(chunk, bricks))
-    })
-    .expect("a bake");
+    });
     let exponents = geometry.exponents(volume);
-    BakedScene { volume: volume.clone(), textures, exponents, selection: selection.clone(), summary }
+    (BakedScene { volume: volume.clone(), textures, exponents, selection: selection.clone(), summary }, more)
 }
 
 impl BakedScene {
@@ -76,10 +102,16 @@ impl BakedScene {
 
     /// The standard error of the first layer of a texel in a group of one band.
     pub fn error(&self, group: usize, texel: [usize; 3]) -> f64 {
+        self.errors(group, texel)[0]
+    }
+
+    /// The standard errors of a texel, of each layer and band.
+    pub fn errors(&self, group: usize, texel: [usize; 3]) -> Vec<f64> {
         let texture = &self.textures[group];
         let view = texture.brick(texel.map(|i| i / BRICK)).expect("a brick").expect("baked");
         let [x, y, z] = texel.map(|i| i % BRICK);
-        f64::from(view.stderr[(x + BRICK * (y + BRICK * z)) * texture.layout().layers.errors()].to_f32())
+        let (t, n) = (x + BRICK * (y + BRICK * z), texture.layout().layers.errors());
+        view.stderr[t * n..(t + 1) * n].iter().map(|v| f64::from(v.to_f32())).collect()
     }
 
     /// The scene in the light of an environment, and of its luminaires times `factors`, 1 for those that have none.

@@ -17,6 +17,7 @@ mod open;
 mod photons;
 mod reflected_suns;
 mod relight_transport;
+mod scene_gather;
 mod scene_volumes;
 mod scene_walls;
 mod sh_properties;

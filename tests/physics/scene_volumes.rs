@@ -18,7 +18,13 @@ use std::sync::Arc;
 const WHITE: [f32; 3] = [1.0; 3];
 
 /// A geometry in which `own` stands beside `others`, coupled.
-fn among(own: &Volume, others: &[&Volume], coupling: &Coupling, tint: [f32; 3], around: Geometry) -> Geometry {
+pub(crate) fn among(
+    own: &Volume,
+    others: &[&Volume],
+    coupling: &Coupling,
+    tint: [f32; 3],
+    around: Geometry,
+) -> Geometry {
     let coupled = |volume: &&Volume| Coupled { name: volume.name.clone(), range: volume.value_range() };
     let volumes: Vec<Coupled> = [own].iter().chain(others).map(coupled).collect();
     coupling.check(&volumes).expect("a coupling");
@@ -34,11 +40,11 @@ fn among(own: &Volume, others: &[&Volume], coupling: &Coupling, tint: [f32; 3], 
     around.with_partners(Among { name, place: 0, coupling: coupling.describe(), tint }, partners).expect("partners")
 }
 
-fn nothing() -> Geometry {
+pub(crate) fn nothing() -> Geometry {
     Geometry::new(Vec::new(), Vec::new(), 1.0).expect("nothing")
 }
 
-fn field(name: &str) -> Volume {
+pub(crate) fn field(name: &str) -> Volume {
     by_name(name).expect("a field").expect("a field").sample().expect("a volume")
 }
 
@@ -93,27 +99,33 @@ fn far_apart_each_is_alone() {
     assert!(least > sidak(1e-3, 24), "p = {least}");
 }
 
-/// A hollow ball cut in two, with air of two cells at the cut: the halves as two volumes are the one that holds both. Baked at
-/// two isovalues; by symmetry the ranges are the same, so that equal isovalues and normalised ones are the same thing.
-#[test]
-fn two_half_bowls_are_the_volume_that_holds_both() {
-    const N: usize = 25;
+/// A hollow ball, of 25³ samples.
+pub(crate) const BALL: usize = 25;
+
+/// The samples of a part of the ball along x; two of them share a plane.
+pub(crate) fn part_of_ball(name: &str, from: usize, to: usize) -> Volume {
+    const N: usize = BALL;
     let place = |i: usize| (i as f64 - 12.0) / 12.0;
     let value = |[x, y, z]: [usize; 3]| {
         let p = DVec3::new(place(x), place(y), place(z));
         let shell = 0.25 - (p.length() - 0.7).abs();
         (if x.abs_diff(12) <= 1 { shell.min(-0.4) } else { shell }) as f32
     };
-    let part = |name: &str, from: usize, to: usize| {
-        let dims = [to - from, N, N];
-        let at = |i: usize| [from + i % dims[0], i / dims[0] % N, i / dims[0] / N];
-        let samples = Samples::F32((0..dims.iter().product()).map(|i| value(at(i))).collect());
-        let affine = isolume::geom::Affine::from_spacing(DVec3::splat(1.0 / 12.0), DVec3::new(place(from), -1.0, -1.0));
-        let mut volume = Volume::new(dims, samples, affine.expect("an affine")).expect("a volume");
-        volume.name = name.into();
-        volume
-    };
-    let (whole, left, right) = (part("whole", 0, N), part("left", 0, 13), part("right", 12, N));
+    let dims = [to - from, N, N];
+    let at = |i: usize| [from + i % dims[0], i / dims[0] % N, i / dims[0] / N];
+    let samples = Samples::F32((0..dims.iter().product()).map(|i| value(at(i))).collect());
+    let affine = isolume::geom::Affine::from_spacing(DVec3::splat(1.0 / 12.0), DVec3::new(place(from), -1.0, -1.0));
+    let mut volume = Volume::new(dims, samples, affine.expect("an affine")).expect("a volume");
+    volume.name = name.into();
+    volume
+}
+
+/// A hollow ball cut in two, with air of two cells at the cut: the halves as two volumes are the one that holds both. Baked at
+/// two isovalues; by symmetry the ranges are the same, so that equal isovalues and normalised ones are the same thing.
+#[test]
+fn two_half_bowls_are_the_volume_that_holds_both() {
+    let (whole, left, right) =
+        (part_of_ball("whole", 0, BALL), part_of_ball("left", 0, 13), part_of_ball("right", 12, BALL));
     let (isovalues, rays) = ([0.02, 0.1], 16);
     let reference = baked(&whole, &nothing(), &isovalues, rays, 3);
     let mut tests = Vec::new();

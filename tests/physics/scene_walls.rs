@@ -15,15 +15,15 @@ use isolume::volume::Volume;
 use isolume::volume::field::{by_name, sample};
 use std::f64::consts::PI;
 
-fn wall(name: &str, shape: Shape, finish: Finish) -> Wall {
+pub(crate) fn wall(name: &str, shape: Shape, finish: Finish) -> Wall {
     Wall { name: name.into(), shape, finish }
 }
 
-fn lamp(name: &str, shape: LuminaireShape, power: f64) -> Luminaire {
+pub(crate) fn lamp(name: &str, shape: LuminaireShape, power: f64) -> Luminaire {
     Luminaire { name: name.into(), shape, power: [power; 3] }
 }
 
-fn room(min: DVec3, max: DVec3, albedos: [[f32; 3]; 6]) -> Vec<Wall> {
+pub(crate) fn room(min: DVec3, max: DVec3, albedos: [[f32; 3]; 6]) -> Vec<Wall> {
     let faces = Shape::faces_of_box(min, max, true);
     faces
         .into_iter()
@@ -36,7 +36,7 @@ fn room(min: DVec3, max: DVec3, albedos: [[f32; 3]; 6]) -> Vec<Wall> {
 /// The square z = 0, lit from above.
 const FLOOR: Square = Square { z: 0.0, sign: -1.0 };
 
-fn dark() -> Light {
+pub(crate) fn dark() -> Light {
     Light::constant([0.0; 3])
 }
 
@@ -160,7 +160,7 @@ fn a_closed_sphere_glows() {
     }
 }
 
-fn box_scene(lamp_shape: LuminaireShape) -> (Volume, Geometry) {
+pub(crate) fn box_scene(lamp_shape: LuminaireShape) -> (Volume, Geometry) {
     let volume = by_name("bumpbox:33").expect("a field").expect("a field").sample().expect("a volume");
     let mut albedos = [[0.75; 3]; 6];
     (albedos[0], albedos[1]) = ([0.63, 0.065, 0.05], [0.14, 0.45, 0.091]);
@@ -168,7 +168,7 @@ fn box_scene(lamp_shape: LuminaireShape) -> (Volume, Geometry) {
     (volume, Geometry::new(walls, vec![lamp("ceiling", lamp_shape, 90.0)], 1.0).expect("a box"))
 }
 
-fn ceiling() -> LuminaireShape {
+pub(crate) fn ceiling() -> LuminaireShape {
     LuminaireShape::Rectangle { corner: DVec3::new(0.3, 0.0, 0.3), u: 0.4 * DVec3::Z, v: 0.4 * DVec3::X }
 }
 

@@ -278,7 +278,8 @@ fn luminaires_are_relit_without_rays() {
         ("relight room.isolume --isovalue 47 -o x.ply --luminaire celing=2", "did you mean ceiling?"),
         ("relight plain.isolume --isovalue 47 --env sky -o x.ply --luminaire ceiling=2", "a scene with luminaires"),
         ("relight room.isolume --isovalue 47 --env sun:30,40 --sun-split -o x.ply", "walls and luminaires do to light"),
-        ("bake room.toml --estimator gather -o x.isolume", "path"),
+        ("bake room.toml --estimator photon -o x.isolume", "use path or gather"),
+        ("plan room.toml --estimator photon", "use path or gather"),
         ("compare room.isolume --isovalue 47 --env sky", "scene"),
     ] {
         let text = bench.refuses(line);

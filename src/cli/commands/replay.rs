@@ -1,6 +1,6 @@
 //! `bake --replay-texel`: the paths of one texel, one by one.
 
-use crate::bake::Request;
+use crate::bake::{Estimator, Request};
 use crate::cli::failure::Outcome;
 use crate::cli::present::console::Console;
 use crate::cli::present::text;
@@ -15,6 +15,9 @@ pub(in crate::cli) fn run(request: &Request<'_>, texel: [usize; 3], console: &Co
     let photons = request.specular_photons(&pyramid)?;
     let specular = photons.as_ref().map(|photons| photons as _);
     let bake = Bake { specular, ..request.bake(&pyramid, &request.settings, &selection) };
+    if request.estimator == Estimator::Gather {
+        console.note("above layer 0 these are paths: gather looks up what they have ahead of them where they meet their level set");
+    }
     let Some(found) = replay_texel(&bake, texel)? else {
         console
             .print(format!("texel {texel:?} has no level set: its neighbourhood is constant or its gradient vanishes"));

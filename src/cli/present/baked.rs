@@ -111,7 +111,7 @@ pub(in crate::cli) fn lines(report: &Report, store_bytes: u64) -> String {
     ];
     let mut rows: Vec<_> = rows.into_iter().map(|(name, value)| vec![name.to_string(), value]).collect();
     if let Some(bias) = &report.bias {
-        rows.insert(7, vec!["bias".into(), bias_line(bias)]);
+        rows.insert(7, vec!["bias".into(), bias_line(bias, report.bias_of())]);
     }
     if let Some(photons) = &report.photons {
         rows.insert(1, vec!["photons".into(), photons_line(photons)]);
@@ -184,13 +184,13 @@ fn effects_line(report: &Report) -> String {
 }
 
 /// What is known of the bias of `gather`.
-fn bias_line(b: &Bias) -> String {
+fn bias_line(b: &Bias, light: &str) -> String {
     if b.texels == 0 {
         return "none: without a cache gather is path".into();
     }
     let relative = |figure: f64| text::percent(b.relative(figure));
     format!(
-        "radiance under constant light, albedo 0.7, against path in {} texels: mean {:+.3} ± {:.3} %, RMS over texels {} \
+        "radiance under {light}, albedo 0.7, against path in {} texels: mean {:+.3} ± {:.3} %, RMS over texels {} \
          (95 %: at most {})",
         text::count(b.texels),
         100.0 * b.relative(b.mean),

@@ -37,6 +37,24 @@ pub enum EstimatorIdentity {
         /// What is known of shadows.
         shadowing: Shadows,
     },
+    /// The same among walls and luminaires, or among the level sets of other volumes.
+    SceneGather {
+        /// What stands around.
+        among: Surroundings,
+        /// As of [`Self::ScenePath`].
+        caustics: bool,
+        /// As of [`Self::ScenePath`].
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        photons: Option<u32>,
+        /// Passes that fill the cache.
+        passes: u32,
+        /// Rays a texel in each.
+        cache_rays: u32,
+        /// Rays a texel of the final gather.
+        rays: u32,
+        /// In the file's values; none for all.
+        isovalues: Option<Vec<f64>>,
+    },
     /// Flattened photon mapping.
     Photon {
         /// Photons sent out.
@@ -78,6 +96,12 @@ pub enum Surroundings {
     Volumes,
 }
 
+impl Surroundings {
+    fn name(self) -> &'static str {
+        if self == Self::Volumes { "volumes" } else { "walls" }
+    }
+}
+
 impl EstimatorIdentity {
     /// Whether all texels are lit as if nothing hid the light from them.
     pub fn ignores_shadows(&self) -> bool {
@@ -85,7 +109,20 @@ impl EstimatorIdentity {
             Self::Path { shadowing } | Self::Gather { shadowing, .. } | Self::Photon { shadowing, .. } => {
                 *shadowing == Shadows::Ignored
             }
-            Self::ScenePath { .. } | Self::Custom { .. } => false,
+            Self::ScenePath { .. } | Self::SceneGather { .. } | Self::Custom { .. } => false,
+        }
+    }
+
+    /// Whether light of luminaires counts that comes by way of mirrors and glass.
+    pub(crate) fn has_caustics(&self) -> bool {
+        !matches!(self, Self::ScenePath { caustics: false, .. } | Self::SceneGather { caustics: false, .. })
+    }
+
+    /// Photons sent out for such of it as no path finds.
+    pub(crate) fn specular_photons(&self) -> Option<u32> {
+        match self {
+            Self::ScenePath { photons, .. } | Self::SceneGather { photons, .. } => *photons,
+            _ => None,
         }
     }
 
@@ -99,8 +136,13 @@ impl EstimatorIdentity {
     /// 3, among walls: chains of mirrors and glass end by roulette, and are cut at 4096 (before, at 64).
     pub fn revision(&self) -> u32 {
         match self {
-            Self::ScenePath { among: Surroundings::Walls, .. } => 3,
-            Self::Path { .. } | Self::ScenePath { .. } | Self::Gather { .. } | Self::Photon { .. } => 2,
+            Self::ScenePath { among: Surroundings::Walls, .. }
+            | Self::SceneGather { among: Surroundings::Walls, .. } => 3,
+            Self::Path { .. }
+            | Self::ScenePath { .. }
+            | Self::Gather { .. }
+            | Self::SceneGather { .. }
+            | Self::Photon { .. } => 2,
             Self::Custom { .. } => first_revision(),
         }
     }
@@ -134,15 +176,20 @@ impl fmt::Display for EstimatorIdentity {
         match self {
             Self::Path { shadowing } => write!(f, "path{}", shadowing.ending()),
             Self::ScenePath { among, caustics, photons } => {
-                let what = if *among == Surroundings::Volumes { "volumes" } else { "walls" };
-                write!(f, "path among {what}{}", if *caustics { "" } else { "; caustics left out" })?;
-                photons.map_or(Ok(()), |photons| write!(f, "; {photons} photons"))
+                write!(f, "path among {}{}", among.name(), of_caustics(*caustics, *photons))
             }
             Self::Gather { passes, cache_rays, rays, isovalues, shadowing } => {
-                let list = |l: &Vec<f64>| l.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
-                let isovalues = isovalues.as_ref().map_or("all".into(), list);
+                let isovalues = list(isovalues.as_ref());
                 let ending = shadowing.ending();
                 write!(f, "gather: {passes} passes of {cache_rays}, then {rays} rays; isovalues {isovalues}{ending}")
+            }
+            Self::SceneGather { among, caustics, photons, passes, cache_rays, rays, isovalues } => {
+                let (among, isovalues) = (among.name(), list(isovalues.as_ref()));
+                write!(
+                    f,
+                    "gather among {among}: {passes} passes of {cache_rays}, then {rays} rays; isovalues {isovalues}"
+                )?;
+                f.write_str(&of_caustics(*caustics, *photons))
             }
             Self::Photon { sent, nearest, shadowing } => {
                 write!(f, "photon: {sent} sent out, {nearest} to a texel{}", shadowing.ending())
@@ -150,6 +197,17 @@ impl fmt::Display for EstimatorIdentity {
             Self::Custom { text } => f.write_str(text),
         }
     }
+}
+
+/// Isovalues as the sentence has them.
+fn list(isovalues: Option<&Vec<f64>>) -> String {
+    isovalues.map_or("all".into(), |list| list.iter().map(f64::to_string).collect::<Vec<_>>().join(" "))
+}
+
+/// How the sentence of a scene ends.
+fn of_caustics(caustics: bool, photons: Option<u32>) -> String {
+    let photons = photons.map_or(String::new(), |photons| format!("; {photons} photons"));
+    format!("{}{photons}", if caustics { "" } else { "; caustics left out" })
 }
 
 /// Reads the sentence of an estimator of this program; any other text is that of a custom one.
@@ -258,6 +316,20 @@ mod tests {
         for text in ["", "mine, 3 rays", "path; something new", "path among trees", "gather: 5 passes"] {
             assert_eq!(EstimatorIdentity::from(text), EstimatorIdentity::Custom { text: text.into() });
         }
+        let (caustics, photons) = (false, Some(4096));
+        let gathered = EstimatorIdentity::SceneGather {
+            among: Surroundings::Walls,
+            caustics,
+            photons,
+            passes: 1,
+            cache_rays: 16,
+            rays: 64,
+            isovalues: Some(vec![47.0]),
+        };
+        let text = "gather among walls: 1 passes of 16, then 64 rays; isovalues 47; caustics left out; 4096 photons";
+        assert_eq!(gathered.to_string(), text);
+        assert_eq!(read(serde_json::to_value(&gathered).unwrap()).unwrap(), gathered);
+        assert_eq!((gathered.has_caustics(), gathered.specular_photons()), (caustics, photons));
         let unknown = serde_json::json!({ "name": "path", "shadowing": "found", "more": 1 });
         assert!(read(unknown).is_err());
     }

@@ -1,15 +1,15 @@
 //! How far the cache has moved the result: a sample of texels traced again by `path`.
 
-use super::super::path::{Scratch, Settings, TexelEstimate, estimate};
-use super::cache::{Cache, Lookups};
-use super::estimate::Pass;
+use super::super::estimator::{Estimator, estimates_of};
+use super::super::path::{Settings, TexelEstimate};
+use super::super::summary::Summary;
+use super::super::sums::Real;
+use super::cache::Cache;
 use super::{Stream, stream_seed};
 use crate::grid3;
-use crate::level::{Counts, LevelField};
 use crate::sampling::hash::uniform;
 use crate::sampling::statistics::Running;
 use crate::transfer::{BRICK, BRICK_TEXELS, Lattice, Layers};
-use crate::volume::Sample;
 use rayon::prelude::*;
 
 /// Albedo at which the bias is told, the default of relighting.
@@ -20,7 +20,8 @@ const REFERENCE_RAYS: u32 = 4;
 
 /// The bias of a gather, estimated from a fixed random sample of its valid texels.
 ///
-/// Of A = Σ_k ρ^(k+1) a_k at ρ = 0.7, the radiance under a constant unit environment. Each texel of the
+/// Of A = Σ_k ρ^(k+1) a_k at ρ = 0.7, the radiance under a constant unit environment; in a scene with luminaires of the
+/// radiance under these, mean of the channels, without the environment. Each texel of the
 /// sample is gathered twice and traced by `path` twice, all with numbers of their own: the two
 /// differences d, d' have the same mean, the texel's bias, and independent noise, so that the mean of
 /// d·d' is the mean squared bias with no noise in it. What all texels share, the noise of the cache
@@ -102,16 +103,30 @@ impl Bias {
     }
 }
 
-/// A = Σ_k ρ^(k+1) a_k of an estimate.
-pub(super) fn ambient(transfer: &[f32], layers: &Layers) -> f64 {
+/// A = Σ_k ρ^(k+1) a_k of an estimate, mean of its channels.
+pub(super) fn ambient<F: Real>(transfer: &[F], layers: &Layers) -> f64 {
     let root_four_pi = 2.0 * std::f64::consts::PI.sqrt();
+    let channels = layers.channels();
     let mut power = 1.0;
     let mut sum = 0.0;
-    for k in 0..layers.len() {
+    for (k, &bands) in layers.bands().iter().enumerate() {
         power *= ALBEDO;
-        sum += power * root_four_pi * f64::from(transfer[layers.offset(k)]);
+        let all = (0..channels).map(|c| transfer[layers.offset(k) + c * bands * bands].as_f64());
+        sum += power * root_four_pi * (all.sum::<f64>() / channels as f64);
     }
     sum
+}
+
+/// Of a texel in a scene: the radiance under its luminaires, whose exponents are given, or where there is none A.
+pub(super) fn lit(groups: &[TexelEstimate<f64>], layers: &Layers, exponents: &[i32]) -> f64 {
+    if exponents.is_empty() {
+        return ambient(&groups[0].transfer, layers);
+    }
+    let of_luminaire = |(group, &e): (&TexelEstimate<f64>, &i32)| {
+        let gains = group.transfer.chunks_exact(3).map(|g| libm::ldexp(g.iter().sum::<f64>() / 3.0, e));
+        gains.fold((0.0, ALBEDO), |(sum, power), gain| (sum + power * gain, power * ALBEDO)).0
+    };
+    groups[2..].iter().zip(exponents).map(of_luminaire).sum()
 }
 
 /// A fixed random sample of `count` valid texels (fewer where some are drawn twice), in the order
@@ -144,42 +159,54 @@ pub(super) fn pick(cache: &Cache, lattice: &Lattice, seed: u64, count: usize) ->
     picked
 }
 
-/// Gathers and traces the sample. `settings` are those of the final gather.
-pub(super) fn sample<T: Sample>(
-    field: &LevelField<'_, T>,
-    cache: &Cache,
-    lattice: &Lattice,
-    settings: &Settings,
-    texels: &[[usize; 3]],
-) -> (Vec<Sampled>, Counts) {
+/// What is told of a texel, from its estimates.
+pub(super) type Figure<'a, F> = dyn Fn(&[TexelEstimate<F>]) -> f64 + Sync + 'a;
+
+/// Settings of the two gathers and of the two path tracers, from those of the final gather.
+pub(super) fn settings(settings: &Settings) -> [Settings; 4] {
     let with_seed = |stream, rays| Settings { seed: stream_seed(settings.seed, stream), rays, ..settings.clone() };
-    // The first gather is the one that is stored.
-    let gathers =
-        [Pass::new(cache, settings.clone()), Pass::new(cache, with_seed(Stream::SecondGather, settings.rays))];
     // Together 4 times the rays of the final gather.
     let rays = settings.rays * (REFERENCE_RAYS / 2);
-    let paths = [with_seed(Stream::Reference(0), rays), with_seed(Stream::Reference(1), rays)];
+    // The first gather is the one that is stored.
+    let second = with_seed(Stream::SecondGather, settings.rays);
+    [settings.clone(), second, with_seed(Stream::Reference(0), rays), with_seed(Stream::Reference(1), rays)]
+}
+
+/// Gathers and traces the sample by estimators of [`settings`]; with the work that it took.
+pub(super) fn sample<E: Estimator>(
+    estimators: &[E; 4],
+    lattice: &Lattice,
+    texels: &[[usize; 3]],
+    figure: &Figure<'_, E::Real>,
+) -> (Vec<Sampled>, Summary) {
     let [mx, my, _] = lattice.texels();
-    let results: Vec<(Option<Sampled>, Counts)> = texels
+    let results: Vec<(Option<Sampled>, Summary)> = texels
         .par_iter()
-        .map_init(Scratch::default, |scratch, &texel| {
-            let mut counts = Counts::default();
-            let mut out = TexelEstimate::default();
-            let Some(site) = field.site(lattice.grid_from_texel(texel)) else { return (None, counts) };
+        .map_init(E::Scratch::default, |scratch, &texel| {
+            let (mut summary, mut out) = (Summary::default(), estimates_of(&estimators[0]));
+            let Some(site) = estimators[0].site(lattice.grid_from_texel(texel)) else { return (None, summary) };
             let item = (grid3::index([mx, my], texel)) as u64;
-            let mut sampled = Sampled { gathered: [0.0; 2], traced: [0.0; 2] };
-            for i in 0..2 {
-                gathers[i].estimate(field, &site, item, scratch, &mut counts, &mut Lookups::default(), &mut out);
-                sampled.gathered[i] = ambient(&out.transfer, &settings.layers);
-                estimate(field, &site, item, &paths[i], scratch, &mut counts, &mut out);
-                sampled.traced[i] = ambient(&out.transfer, &settings.layers);
-            }
-            (Some(sampled), counts)
+            let mut told = |i: usize| {
+                estimators[i].estimate(&site, item, scratch, &mut summary, &mut out);
+                figure(&out)
+            };
+            let (g0, p0, g1, p1) = (told(0), told(2), told(1), told(3));
+            (Some(Sampled { gathered: [g0, g1], traced: [p0, p1] }), summary)
         })
         .collect();
-    let mut counts = Counts::default();
-    results.iter().for_each(|(_, c)| counts += *c);
-    (results.into_iter().filter_map(|(s, _)| s).collect(), counts)
+    let (sample, summaries): (Vec<_>, Vec<_>) = results.into_iter().unzip();
+    (sample.into_iter().flatten().collect(), work_of(&summaries))
+}
+
+/// The work of some texels, without what became of them.
+pub(super) fn work_of(summaries: &[Summary]) -> Summary {
+    let mut work = Summary::default();
+    for summary in summaries {
+        work.counts += summary.counts;
+        work.scene += summary.scene;
+    }
+    work.scene.buried = 0;
+    work
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use crate::sh;
 use crate::transfer::{BRICK, BRICK_TEXELS, Lattice, Layers, Selection};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// How the cache holds its numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -50,6 +51,26 @@ impl std::ops::AddAssign for Lookups {
     }
 }
 
+/// Lookups counted from many threads: whole numbers, so their order does not matter.
+#[derive(Default)]
+pub(super) struct Tally([AtomicU64; 4]);
+
+impl Tally {
+    pub(super) fn add(&self, l: &Lookups) {
+        for (sum, n) in self.0.iter().zip([l.lookups, l.renormalised, l.neighbourhood, l.continued]) {
+            if n > 0 {
+                sum.fetch_add(n, Ordering::Relaxed);
+            }
+        }
+    }
+
+    pub(super) fn total(&self) -> Lookups {
+        let [lookups, renormalised, neighbourhood, continued] =
+            std::array::from_fn(|i| self.0[i].load(Ordering::Relaxed));
+        Lookups { lookups, renormalised, neighbourhood, continued }
+    }
+}
+
 /// The layers that a cache for `layers` holds; `None` for one layer, which needs no cache.
 ///
 /// Coefficient i of T_{k+1} is made from coefficient i of T_k alone, so layer k is held with as
@@ -58,18 +79,19 @@ pub(super) fn cached_layers(layers: &Layers) -> Option<Layers> {
     let bands = layers.bands();
     let needed = (1..bands.len()).map(|k| bands[k..].iter().copied().max().unwrap_or(1)).collect();
     // Refused only when empty: every entry is a legal band count.
-    Layers::new(needed).ok()
+    let needed = Layers::new(needed).ok()?;
+    Some(if layers.channels() == 1 { needed } else { needed.coloured() })
 }
 
 /// Coefficients `source`…`source + count` of a cached texel add to `target`… of an estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Span {
-    target: usize,
-    source: usize,
-    count: usize,
+    pub(super) target: usize,
+    pub(super) source: usize,
+    pub(super) count: usize,
 }
 
-/// What a hit after `depth` earlier bounces adds to an estimate of `layers`: T_j to layer j + depth + 1.
+/// What a hit after `depth` earlier bounces adds to a grey estimate of `layers`: T_j to layer j + depth + 1.
 pub(super) fn spans(layers: &Layers, cached: &Layers, depth: usize) -> Vec<Span> {
     let mut all: Vec<Span> = Vec::new();
     for k in depth + 1..layers.len() {
@@ -164,7 +186,8 @@ impl ValuesMut<'_> {
 /// The texels of the selected bricks with the coefficients that later layers need.
 pub(super) struct Cache {
     lattice: Lattice,
-    layers: Layers,
+    // Coefficients of a texel.
+    width: usize,
     // Bricks that hold selected texels, x fastest, and for every brick of the lattice its place in
     // that list, or NO_BRICK.
     bricks: Vec<[usize; 3]>,
@@ -177,17 +200,17 @@ pub(super) struct Cache {
 
 const NO_BRICK: u32 = u32::MAX;
 
-/// Bytes that `copies` of a cache of `bricks` bricks take.
-pub(super) fn bytes(lattice: &Lattice, layers: &Layers, bricks: u64, precision: CachePrecision, copies: u64) -> u64 {
+/// Bytes that `copies` of a cache of `bricks` bricks take, of `width` coefficients a texel.
+pub(super) fn bytes(lattice: &Lattice, width: usize, bricks: u64, precision: CachePrecision, copies: u64) -> u64 {
     let all: u64 = lattice.bricks().iter().map(|&b| b as u64).product();
     // Flags of the state before and of the one being made.
-    let texel = copies * precision.bytes() * layers.coefficients() as u64 + 2;
+    let texel = copies * precision.bytes() * width as u64 + 2;
     all * 4 + bricks * (BRICK_TEXELS as u64 * texel + size_of::<[usize; 3]>() as u64)
 }
 
 impl Cache {
     /// A cache without valid texels and without room for any; the first [`Cache::replace`] gives both.
-    pub(super) fn new(selection: &Selection, layers: Layers, precision: CachePrecision) -> Self {
+    pub(super) fn new(selection: &Selection, width: usize, precision: CachePrecision) -> Self {
         let lattice = *selection.lattice();
         let bricks = selection.bricks();
         let [bx, by, bz] = lattice.bricks();
@@ -197,12 +220,12 @@ impl Cache {
         }
         let texels = bricks.len() * BRICK_TEXELS;
         let values = Values::zeros(precision, 0);
-        Self { lattice, layers, valid: vec![false; texels], bricks, slots, values }
+        Self { lattice, width, valid: vec![false; texels], bricks, slots, values }
     }
 
-    /// Its layers, see [`cached_layers`].
-    pub(super) fn layers(&self) -> &Layers {
-        &self.layers
+    /// Coefficients of a texel.
+    pub(super) fn width(&self) -> usize {
+        self.width
     }
 
     /// Bricks that it holds, in the order of its slots.
@@ -221,7 +244,7 @@ impl Cache {
             Values::Half(_) => CachePrecision::Half,
             Values::Single(_) => CachePrecision::Single,
         };
-        Values::zeros(precision, self.valid.len() * self.layers.coefficients())
+        Values::zeros(precision, self.valid.len() * self.width)
     }
 
     /// Takes a new state and gives the old one back.
@@ -232,8 +255,8 @@ impl Cache {
 
     /// Adds the coefficients of texel `t` of a slot, times `weight`.
     pub(super) fn add_texel(&self, slot: usize, t: usize, weight: f32, target: &mut [f32], row: &mut Row) {
-        debug_assert_eq!(target.len(), self.layers.coefficients());
-        self.values.add_to((slot * BRICK_TEXELS + t) * self.layers.coefficients(), weight, target, row);
+        debug_assert_eq!(target.len(), self.width);
+        self.values.add_to((slot * BRICK_TEXELS + t) * self.width, weight, target, row);
     }
 
     /// All values times a factor.
@@ -347,7 +370,7 @@ impl Cache {
 
     #[inline]
     fn add_spans(&self, at: usize, weight: f32, spans: &[Span], target: &mut [f32], row: &mut Row) {
-        let start = at * self.layers.coefficients();
+        let start = at * self.width;
         for span in spans {
             let target = &mut target[span.target..span.target + span.count];
             self.values.add_to(start + span.source, weight, target, row);

@@ -8,6 +8,7 @@ use crate::geom::{Frame, Normal};
 use crate::level::{CellPoint, Counts, LevelField, Outcome, Site, Start};
 use crate::sampling::{PathSampler, warp};
 use crate::sh;
+use crate::transfer::Layers;
 use crate::volume::Sample;
 
 /// What the texels of one pass share.
@@ -19,10 +20,10 @@ pub(super) struct Pass<'a> {
 }
 
 impl<'a> Pass<'a> {
-    /// A pass that estimates the layers of `settings` from the cache.
-    pub(super) fn new(cache: &'a Cache, settings: Settings) -> Self {
+    /// A pass that estimates the layers of `settings` from the cache, which holds the layers `cached`.
+    pub(super) fn new(cache: &'a Cache, cached: &Layers, settings: Settings) -> Self {
         let layers = &settings.layers;
-        let spans = (0..layers.len()).map(|depth| spans(layers, cache.layers(), depth)).collect();
+        let spans = (0..layers.len()).map(|depth| spans(layers, cached, depth)).collect();
         Self { cache, settings, spans }
     }
 

@@ -24,14 +24,24 @@
 //! do not hold what all its rays share: the noise left in the cache and the bias of interpolating it
 //! across edges of shadow and between level sets. [`Bias`] estimates that from a sample of texels.
 //!
+//! # Among walls and luminaires
+//! A path goes on from walls, mirrors, media and level sets of other volumes, by the numbers of `path`; where it meets its own level set
+//! it ends, and adds W T_k to layer j + k + 1 of each texture, W its weight in each channel, j the level sets met before. So what
+//! comes without a hit of the level set is that of `path`, bit by bit, in the textures of emission and luminaires, too; the control
+//! variate counts the rays that are traced. Light that only photons find is not in the cache: photons bring it to every layer. Through
+//! a translucent solid light leaves elsewhere than it entered, in a direction that depends on where it came from, so that a hit
+//! has no transfer of its own: these are refused.
+//!
 //! # What it needs
 //! All selected texels at once, in memory; see [`gather_memory`]. Results are the same bytes for any
 //! number of threads and any choice of chunks to write, but *not* for another selection: texels read
 //! their neighbours. Hits near which nothing is selected go on as paths.
 
+mod ahead;
 mod bias;
 mod cache;
 mod estimate;
+mod passes;
 
 #[cfg(test)]
 mod tests;
@@ -39,20 +49,20 @@ mod tests;
 pub use bias::Bias;
 pub use cache::{CachePrecision, Lookups};
 
-use super::bake::{Bake, Present, Progress, Sink, fill_alone};
+pub(super) use ahead::{Ahead, Read};
+
+use super::bake::{Bake, Present, Progress, Sink};
 use super::chunks::most_in_work;
-use super::path::{Scratch, Settings, TexelEstimate, estimate as estimate_path};
 use super::summary::Summary;
 use crate::error::{Error, Result};
-use crate::grid3;
-use crate::level::{Counts, LevelField, Site};
+use crate::level::LevelField;
 use crate::sampling::hash::key;
-use crate::transfer::{BRICK, BRICK_TEXELS, Layers};
-use crate::volume::{Sample, with_samples};
-use cache::{Cache, EMPTY_ROW, Values, cached_layers};
-use estimate::Pass;
-use rayon::prelude::*;
-use std::sync::atomic::{AtomicU64, Ordering};
+use crate::scene::geometry::Geometry;
+use crate::transfer::{BRICK_TEXELS, Lattice, Layers};
+use crate::volume::with_samples;
+use ahead::width;
+use cache::cached_layers;
+use passes::Asked;
 
 /// What `gather` is asked for beyond [`Settings`], whose `rays` are those of the final gather.
 #[derive(Clone, Debug, PartialEq)]
@@ -135,18 +145,35 @@ fn stream_seed(seed: u64, stream: Stream) -> u64 {
 
 /// Bytes that [`gather()`] takes for cache and output in flight, the volume and its pyramid not counted.
 pub fn gather_memory(bake: &Bake<'_>, settings: &GatherSettings) -> u64 {
-    let lattice = &bake.layout.lattice;
-    let layers = &bake.settings.layers;
     let bricks = bake.selection.bricks().len() as u64;
-    // Later passes read one copy and write another.
-    let copies = if settings.passes > 2 { 2 } else { 1 };
-    let cache =
-        cached_layers(layers).map_or(0, |cached| cache::bytes(lattice, &cached, bricks, settings.precision, copies));
+    let cache = cache_memory(&bake.layout.lattice, &bake.settings.layers, bake.geometry, bricks, settings);
     // The chunks in work, as they were and as they become.
-    let texel = 2 * layers.coefficients() as u64 + 2 * layers.errors() as u64 + 5;
-    let of_chunk: usize = lattice.bricks_of_chunk().iter().product();
+    let of_groups = bake.groups().into_iter().filter_map(|group| group.layout(bake.layout).ok());
+    let of_layers = |layers: Layers| 2 * layers.coefficients() as u64 + 2 * layers.errors() as u64 + 5;
+    let texel: u64 = of_groups.map(|layout| of_layers(layout.layers)).sum();
+    let of_chunk: usize = bake.layout.lattice.bricks_of_chunk().iter().product();
     let in_work = bricks.min((most_in_work(None) * of_chunk) as u64) * BRICK_TEXELS as u64;
     cache + 2 * in_work * texel
+}
+
+/// Bytes of the cache alone, for a selection of so many bricks.
+pub(crate) fn cache_memory(
+    lattice: &Lattice,
+    layers: &Layers,
+    geometry: Option<&Geometry>,
+    bricks: u64,
+    settings: &GatherSettings,
+) -> u64 {
+    let Some(cached) = cached_layers(layers) else { return 0 };
+    // Later passes read one copy and write another.
+    let copies = if settings.passes > 2 { 2 } else { 1 };
+    cache::bytes(lattice, width(&cached, geometry), bricks, settings.precision, copies)
+}
+
+/// Why a translucent solid is not gathered.
+pub(crate) fn translucent() -> Error {
+    let expected = "an opaque one: light leaves elsewhere than it entered, so that a hit has no transfer to look up";
+    Error::argument("estimator gather", "a translucent solid", expected, "use the estimator path")
 }
 
 /// Bakes the selected texels with the texture as radiance cache, and hands out the chunks asked for
@@ -157,7 +184,7 @@ pub fn gather_memory(bake: &Bake<'_>, settings: &GatherSettings) -> u64 {
 ///
 /// # Errors
 /// [`Error::Limit`] when cache and output would take more than `memory_limit`; those of [`super::bake()`];
-/// passes or rays that make no sense.
+/// passes or rays that make no sense; a translucent solid.
 pub fn gather(
     bake: &Bake<'_>,
     settings: &GatherSettings,
@@ -168,6 +195,9 @@ pub fn gather(
 ) -> Result<Gathered> {
     bake.check()?;
     settings.check()?;
+    if bake.geometry.is_some_and(|geometry| geometry.body().is_some()) {
+        return Err(translucent());
+    }
     let memory = gather_memory(bake, settings);
     if memory > settings.memory_limit {
         return Err(Error::Limit {
@@ -181,159 +211,14 @@ pub fn gather(
     }
     with_samples!(bake.volume.samples(), s => {
         let field = LevelField::new(bake.volume, s, bake.pyramid);
-        let mut gathered = all_passes(&field, bake, settings, chunks, progress, present, sink)?;
+        let asked = Asked { field: &field, bake, settings, chunks, progress, present };
+        let mut gathered = match (cached_layers(&bake.settings.layers), bake.geometry) {
+            // Direct light alone reads no cache.
+            (None, _) => Gathered { summary: super::bake(bake, chunks, progress, present, sink)?, ..Gathered::default() },
+            (Some(cached), None) => asked.alone(&cached, sink)?,
+            (Some(cached), Some(geometry)) => asked.among(&cached, geometry, sink)?,
+        };
         gathered.memory = memory;
         Ok(gathered)
     })
-}
-
-fn all_passes<T: Sample>(
-    field: &LevelField<'_, T>,
-    bake: &Bake<'_>,
-    settings: &GatherSettings,
-    chunks: &[[usize; 3]],
-    progress: &Progress,
-    present: &Present<'_>,
-    sink: &mut Sink<'_>,
-) -> Result<Gathered> {
-    let mut gathered = Gathered::default();
-    let Some(cached) = cached_layers(&bake.settings.layers) else {
-        // Direct light alone reads no cache.
-        gathered.summary = super::bake(bake, chunks, progress, present, sink)?;
-        return Ok(gathered);
-    };
-    let (cache, counts, lookups) = fill(field, bake, settings, cached, progress);
-    (gathered.summary.counts, gathered.lookups) = (counts, lookups);
-    if progress.cancel.load(Ordering::Relaxed) {
-        return Ok(gathered);
-    }
-    let pass = Pass::new(&cache, bake.settings.clone());
-    let tally = Tally::default();
-    let estimator = |site: &Site, item: u64, scratch: &mut Scratch, counts: &mut Counts, out: &mut TexelEstimate| {
-        let mut lookups = Lookups::default();
-        pass.estimate(field, site, item, scratch, counts, &mut lookups, out);
-        tally.add(&lookups);
-    };
-    gathered.summary.add(&fill_alone(field, bake, &estimator, chunks, progress, present, sink)?);
-    gathered.lookups += tally.total();
-    if !progress.cancel.load(Ordering::Relaxed) {
-        let lattice = &bake.layout.lattice;
-        let texels = bias::pick(&cache, lattice, bake.settings.seed, settings.bias_texels as usize);
-        let (sample, counts) = bias::sample(field, &cache, lattice, bake.settings, &texels);
-        gathered.bias = Bias::of(&sample);
-        gathered.summary.counts += counts;
-    }
-    Ok(gathered)
-}
-
-/// Lookups counted from many threads: whole numbers, so their order does not matter.
-#[derive(Default)]
-struct Tally([AtomicU64; 4]);
-
-impl Tally {
-    fn add(&self, l: &Lookups) {
-        for (sum, n) in self.0.iter().zip([l.lookups, l.renormalised, l.neighbourhood, l.continued]) {
-            if n > 0 {
-                sum.fetch_add(n, Ordering::Relaxed);
-            }
-        }
-    }
-
-    fn total(&self) -> Lookups {
-        let [lookups, renormalised, neighbourhood, continued] =
-            std::array::from_fn(|i| self.0[i].load(Ordering::Relaxed));
-        Lookups { lookups, renormalised, neighbourhood, continued }
-    }
-}
-
-/// All passes but the final gather.
-fn fill<T: Sample>(
-    field: &LevelField<'_, T>,
-    bake: &Bake<'_>,
-    settings: &GatherSettings,
-    cached: Layers,
-    progress: &Progress,
-) -> (Cache, Counts, Lookups) {
-    let mut cache = Cache::new(bake.selection, cached, settings.precision);
-    let mut next = cache.blank();
-    let (mut counts, mut lookups) = (Counts::default(), Lookups::default());
-    for pass in 0..settings.passes - 1 {
-        let (valid, c, l) = one_pass(field, bake, settings, &cache, pass, &mut next, progress);
-        cache.replace_rows(&mut next, valid);
-        if pass == 0 && settings.passes > 2 {
-            // The first pass read nothing, so until here there was one copy.
-            next = cache.blank();
-        }
-        counts += c;
-        lookups += l;
-        if progress.cancel.load(Ordering::Relaxed) {
-            break;
-        }
-    }
-    (cache, counts, lookups)
-}
-
-/// One pass over the bricks of the cache; its mean with the passes before goes to `next`.
-fn one_pass<T: Sample>(
-    field: &LevelField<'_, T>,
-    bake: &Bake<'_>,
-    settings: &GatherSettings,
-    cache: &Cache,
-    pass: u32,
-    next: &mut Values,
-    progress: &Progress,
-) -> (Vec<bool>, Counts, Lookups) {
-    let lattice = &bake.layout.lattice;
-    let [mx, my, _] = lattice.texels();
-    let coefficients = cache.layers().coefficients();
-    let pass_settings = Settings {
-        layers: cache.layers().clone(),
-        rays: settings.cache_rays,
-        seed: stream_seed(bake.settings.seed, Stream::Pass(pass)),
-        ..bake.settings.clone()
-    };
-    let gatherer = Pass::new(cache, pass_settings.clone());
-    let newest = 1.0 / (pass + 1) as f32;
-    let mut valid = vec![false; cache.valid().len()];
-    let results: Vec<(Counts, Lookups)> = next
-        .parts(BRICK_TEXELS * coefficients)
-        .into_par_iter()
-        .zip(valid.par_chunks_mut(BRICK_TEXELS))
-        .with_max_len(1)
-        .enumerate()
-        .map_init(Scratch::default, |scratch, (slot, (mut values, valid))| {
-            let (mut counts, mut lookups) = (Counts::default(), Lookups::default());
-            if progress.cancel.load(Ordering::Relaxed) {
-                return (counts, lookups);
-            }
-            let mut out = TexelEstimate::default();
-            let mut row = EMPTY_ROW;
-            for t in 0..BRICK_TEXELS {
-                let inner = grid3::at([BRICK, BRICK], t);
-                let texel: [usize; 3] = std::array::from_fn(|a| cache.bricks()[slot][a] * BRICK + inner[a]);
-                if !bake.selection.contains(texel) {
-                    continue;
-                }
-                let Some(site) = field.site(lattice.grid_from_texel(texel)) else { continue };
-                let item = (grid3::index([mx, my], texel)) as u64;
-                if pass == 0 {
-                    estimate_path(field, &site, item, &pass_settings, scratch, &mut counts, &mut out);
-                } else {
-                    gatherer.estimate(field, &site, item, scratch, &mut counts, &mut lookups, &mut out);
-                    out.transfer.iter_mut().for_each(|v| *v *= newest);
-                    cache.add_texel(slot, t, 1.0 - newest, &mut out.transfer, &mut row);
-                }
-                values.store(t * coefficients, &out.transfer);
-                valid[t] = true;
-            }
-            progress.rays.fetch_add(counts.rays, Ordering::Relaxed);
-            (counts, lookups)
-        })
-        .collect();
-    let (mut counts, mut lookups) = (Counts::default(), Lookups::default());
-    for (c, l) in results {
-        counts += c;
-        lookups += l;
-    }
-    (valid, counts, lookups)
 }

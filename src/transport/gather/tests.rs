@@ -1,14 +1,18 @@
 use super::super::bake::bake;
-use super::bias::{Sampled, pick, sample};
+use super::super::path::{Scratch, Settings, TexelEstimate, estimate as estimate_path};
+use super::bias::{self, Sampled, pick};
+use super::cache::{Cache, cached_layers};
+use super::estimate::Pass;
 use super::*;
 use crate::geom::Affine;
 use crate::grid3;
-use crate::level::Pyramid;
+use crate::level::{Counts, Pyramid};
 use crate::sh;
-use crate::transfer::{Brick, Lattice, Layout, Selection};
+use crate::transfer::{BRICK, Brick, Lattice, Layout, Selection};
 use crate::volume::{Samples, Volume};
 use glam::{DVec3, Vec3};
 use std::collections::BTreeMap;
+use std::sync::atomic::Ordering;
 
 /// Relative rounding of f16.
 const HALF: f64 = 1.0 / 2048.0;
@@ -288,10 +292,13 @@ fn the_bias_estimate_finds_a_bias_put_into_the_cache() {
     let cached = cached_layers(&scene.layout.layers).unwrap();
     let lattice = &scene.layout.lattice;
     scene.with_field(|field| {
-        let (mut cache, ..) = fill(field, &scene.job(), &quick(), cached, &Progress::default());
-        let texels = pick(&cache, lattice, 1, 400);
+        let (job, how, progress) = (scene.job(), GatherSettings { bias_texels: 400, ..quick() }, Progress::default());
+        let asked =
+            Asked { field, bake: &job, settings: &how, chunks: &[], progress: &progress, present: &|_| Ok(None) };
+        let (mut cache, _) = asked.fill_alone(&cached).unwrap();
+        let texels = pick(&cache, lattice, scene.settings.seed, 400);
         assert!((380..=400).contains(&texels.len()), "{} texels", texels.len());
-        let told = |cache: &Cache| Bias::of(&sample(field, cache, lattice, &scene.settings, &texels).0);
+        let told = |cache: &Cache| asked.bias_alone(cache, &cached).0;
         let plain = told(&cache);
         cache.scale(1.2);
         let bright = told(&cache);
@@ -326,9 +333,9 @@ fn where_nothing_is_cached_paths_go_on() {
     // first rays alone.
     let scene = Scene::new(waves([16, 16, 16]), Layers::uniform(2, 2).unwrap(), 16);
     let cached = cached_layers(&scene.layout.layers).unwrap();
-    let cache = Cache::new(&Selection::empty(scene.layout.lattice), cached, CachePrecision::Half);
+    let cache = Cache::new(&Selection::empty(scene.layout.lattice), cached.coefficients(), CachePrecision::Half);
     let settings = Settings { positive: true, ..scene.settings.clone() };
-    let pass = Pass::new(&cache, settings.clone());
+    let pass = Pass::new(&cache, &cached, settings.clone());
     let (mut a, mut b) = (TexelEstimate::default(), TexelEstimate::default());
     let (mut scratch, mut lookups, mut reflected) = (Scratch::default(), Lookups::default(), 0.0);
     scene.with_field(|field| {

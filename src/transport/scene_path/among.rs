@@ -12,6 +12,7 @@ use super::super::bake::Bake;
 use super::super::control::escaping_shares;
 use super::super::errors::Paths;
 use super::super::estimator::{Estimator, Fate};
+use super::super::gather::Ahead;
 use super::super::path::{FIRST_POINTS, Settings, Target, TexelEstimate, expected_error, next_points};
 use super::super::replay::ReplayedPath;
 use super::super::summary::Summary;
@@ -64,6 +65,7 @@ pub(in super::super) struct Among<'a, T> {
     settings: &'a Settings,
     caustics: bool,
     specular: Option<&'a dyn SpecularLight>,
+    ahead: Option<&'a Ahead<'a>>,
     // Of each group.
     layers: Vec<Layers>,
     // 2^-e of each group.
@@ -81,7 +83,12 @@ impl<'a, T: Sample> Among<'a, T> {
         let factors = [1.0, 1.0].into_iter().chain(of_luminaires).collect();
         let world = World::new(bake.volume, field, geometry);
         let specular = bake.specular.filter(|_| bake.caustics);
-        Ok(Self { world, settings: bake.settings, caustics: bake.caustics, specular, layers, factors })
+        Ok(Self { world, settings: bake.settings, caustics: bake.caustics, specular, ahead: None, layers, factors })
+    }
+
+    /// The same by paths that end where the cache knows what is ahead of them.
+    pub(in super::super) fn with(self, ahead: &'a Ahead<'a>) -> Self {
+        Self { ahead: Some(ahead), ..self }
     }
 
     /// Means and standard errors of all groups after `points` paths of each replicate.
@@ -129,7 +136,9 @@ impl<'a, T: Sample> Among<'a, T> {
             _ if k < layers => arrived(k - 1),
             _ => 0.0,
         });
-        Paths { events: layers, count, arrived, controlled: !self.settings.positive }
+        // What is looked up adds more than one direction.
+        let events = if self.ahead.is_some() { 1 } else { layers };
+        Paths { events, count, arrived, controlled: !self.settings.positive }
     }
 
     /// The paths of a site, step by step; none inside another volume.
@@ -143,7 +152,19 @@ impl<'a, T: Sample> Among<'a, T> {
         found.reset(&self.settings.layers, self.world.geometry.luminaires().len());
         let (mut level, mut counts) = (Default::default(), Default::default());
         let (world, settings, all) = (&self.world, self.settings, 0..self.settings.points());
-        trace(world, site, &isovalues, item, all, settings, self.caustics, &mut found, &mut level, &mut counts);
+        trace(
+            world,
+            site,
+            &isovalues,
+            item,
+            all,
+            settings,
+            self.caustics,
+            self.ahead,
+            &mut found,
+            &mut level,
+            &mut counts,
+        );
         found.record.map_or(Vec::new(), |record| record.paths)
     }
 
@@ -237,7 +258,19 @@ impl<T: Sample> Estimator for Among<'_, T> {
         loop {
             let (level, counts) = (&mut summary.counts, &mut summary.scene);
             let (world, settings) = (&self.world, self.settings);
-            trace(world, site, &isovalues, item, done..points, settings, self.caustics, found, level, counts);
+            trace(
+                world,
+                site,
+                &isovalues,
+                item,
+                done..points,
+                settings,
+                self.caustics,
+                self.ahead,
+                found,
+                level,
+                counts,
+            );
             self.combine(found, points, out);
             match &self.settings.target {
                 Some(target) if expected_error(&out[0]) > target.error && points < most => {
@@ -246,6 +279,9 @@ impl<T: Sample> Estimator for Among<'_, T> {
                 }
                 _ => break,
             }
+        }
+        if let Some(ahead) = self.ahead {
+            ahead.count(&mut found.read);
         }
         self.add_specular(site, out);
         Fate::Estimated

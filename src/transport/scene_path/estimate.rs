@@ -19,9 +19,10 @@
 //! Luminaires are found in two ways, by sampling them and by the cosine, combined by the balance heuristic (Veach and Guibas
 //! 1995, eq. 9). After a mirror or glass only the path itself finds them; points and parallel light are found by their images
 //! in flat mirrors. Paths end after the last stored layer, or between
-//! walls by Russian roulette on the largest channel of W.
+//! walls by Russian roulette on the largest channel of W. With a cache ([`Ahead`]) they end where they meet their own level set.
 
 use super::super::REPLICATES;
+use super::super::gather::{Ahead, Read};
 use super::super::path::Settings;
 use super::super::replay::{On, PathEnd, ReplayedPath};
 use super::super::sums::clamped_cosine;
@@ -60,6 +61,8 @@ pub(in super::super) struct Found {
     pub(super) groups: Vec<f64>,
     pub(super) lost: u32,
     pub(super) trapped: u32,
+    /// What was looked up of a cache.
+    pub(in super::super) read: Read,
     /// The paths step by step, where they are replayed.
     pub(super) record: Option<Record>,
 }
@@ -128,6 +131,7 @@ pub(super) struct Path<'a, 'w, T> {
     pub(super) world: &'a World<'w, T>,
     settings: &'a Settings,
     caustics: bool,
+    ahead: Option<&'a Ahead<'a>>,
     pub(super) isovalues: &'a [f32],
     pub(super) sampler: &'a PathSampler,
     replicate: usize,
@@ -152,6 +156,7 @@ pub(super) fn trace<T: Sample>(
     range: Range<usize>,
     settings: &Settings,
     caustics: bool,
+    ahead: Option<&Ahead<'_>>,
     found: &mut Found,
     level: &mut Counts,
     counts: &mut SceneCounts,
@@ -169,6 +174,7 @@ pub(super) fn trace<T: Sample>(
                 world,
                 settings,
                 caustics,
+                ahead,
                 isovalues,
                 sampler: &sampler,
                 replicate,
@@ -342,11 +348,14 @@ impl<T: Sample> Path<'_, '_, T> {
                         found.ended(PathEnd::Lost);
                         return None;
                     }
-                    let Place::Level(set, _) = origin.place else {
+                    let Place::Level(set, start) = origin.place else {
                         counts.cut += 1;
                         found.ended(PathEnd::Cut);
                         return None;
                     };
+                    if set == 0 && self.ends_at(&start.at, found) {
+                        return None;
+                    }
                     found.turned(On::LevelSet(set), origin.in_world);
                     return self.on_level_again(set, found).then_some(*at);
                 }
@@ -528,7 +537,21 @@ impl<T: Sample> Path<'_, '_, T> {
         goes_on
     }
 
+    /// Ends the path at a point of the volume's level set where a cache says what it would find from there on.
+    fn ends_at(&self, at: &CellPoint, found: &mut Found) -> bool {
+        let Some(ahead) = self.ahead else { return false };
+        let Found { environment, groups, read, .. } = found;
+        let ends = ahead.add(at, (self.layer + 1, self.replicate), self.carried(), environment, groups, read);
+        if ends {
+            self.add(found, 0, [1.0; 3], 1.0);
+        }
+        ends
+    }
+
     fn at_level(&mut self, set: usize, cell: CellPoint, found: &mut Found) -> Option<Turn> {
+        if set == 0 && self.ends_at(&cell, found) {
+            return None;
+        }
         let Some(normal) = self.world.normal(set, &cell) else {
             found.lost += 1;
             found.ended(PathEnd::Lost);

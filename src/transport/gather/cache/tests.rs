@@ -27,8 +27,7 @@ fn spans_move_each_layer_to_the_next() {
 /// as the grid.
 fn linear(valid: impl Fn([usize; 3]) -> bool, precision: CachePrecision) -> Cache {
     let lattice = Lattice::from_ratio([9, 9, 9], 2.0).unwrap();
-    let layers = Layers::uniform(2, 1).unwrap();
-    let mut cache = Cache::new(&Selection::all(lattice), cached_layers(&layers).unwrap(), precision);
+    let mut cache = Cache::new(&Selection::all(lattice), 1, precision);
     let mut values = cache.blank();
     let mut flags = vec![false; cache.valid().len()];
     for (slot, part) in values.parts(BRICK_TEXELS).iter_mut().enumerate() {
