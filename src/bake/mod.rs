@@ -14,6 +14,7 @@ mod goal;
 mod memory;
 mod observer;
 mod pending;
+mod plan;
 mod quality;
 mod repair;
 mod report;

@@ -1,15 +1,13 @@
-//! A bake as asked for: what decides the store's numbers, what it takes, and the plan of its effects.
+//! A bake as asked for: what decides the store's numbers, and what it takes.
 
 use super::deal::Dealt;
 use super::memory::{bytes_of_bake, crossed_cells};
 use super::pending::{Pending, texels_in};
-use super::quality::RAYS;
 use super::scene::bytes_of_scene_texel;
 use super::{Goal, scene};
 use crate::error::{Error, Result};
 use crate::level::{Pyramid, bytes_of_field};
 use crate::memory;
-use crate::scene as scenes;
 use crate::scene::geometry::Geometry;
 use crate::scene::{Effects, SunSplit};
 use crate::surface::extract_without_normals;
@@ -17,24 +15,15 @@ use crate::transfer::store::{Baked, EstimatorIdentity, Identity, Shadows, Store,
 use crate::transfer::{Lattice, Layout, Selection, texels_of_isosurfaces};
 use crate::transport::{
     Bake, GatherSettings, PhotonBake, PhotonScene, Settings, SpecularPhotons, SurfacePoints, Tolerance, cache_memory,
-    most_in_work, needs_photons, pilot, share_traced,
+    most_in_work, needs_photons,
 };
 use crate::volume::{Shadowing, Volume};
-use serde_json::{Value, json};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::fmt::Display;
 use std::path::Path;
 use std::str::FromStr;
 use std::sync::OnceLock;
-
-/// Texels and rays of the trial that the plan rests on.
-pub(super) const PILOT_TEXELS: u64 = 2000;
-pub(super) const PILOT_RAYS: u32 = 16;
-/// Bricks of the trial that tells how much an adaptive texture leaves out.
-const PILOT_BRICKS: usize = 64;
-/// Accepted error of what the plan drops, relative to the brightest light.
-const TOLERANCE: f64 = 0.01;
 
 /// Photons sent out for light that no path finds ([`needs_photons`]).
 const CAUSTIC_PHOTONS: u32 = 1 << 22;
@@ -478,7 +467,7 @@ impl<'a> Request<'a> {
     }
 
     /// Refuses what the estimator cannot do.
-    fn check_estimator(&self) -> Result<()> {
+    pub(super) fn check_estimator(&self) -> Result<()> {
         if let Some(geometry) = self.geometry {
             self.check_scene(geometry)?;
         }
@@ -495,7 +484,7 @@ impl<'a> Request<'a> {
         Ok(())
     }
 
-    fn check_adaptive(&self, error: f64) -> Result<()> {
+    pub(super) fn check_adaptive(&self, error: f64) -> Result<()> {
         let refuse = |name: &str, found: &dyn Display, expected: &str, remedy: &str| {
             Err(Error::argument(name, found, expected, remedy))
         };
@@ -517,109 +506,6 @@ impl<'a> Request<'a> {
             );
         }
         Ok(())
-    }
-
-    /// The plan of effects, from a trial of a few texels.
-    ///
-    /// # Errors
-    /// Those of the trial: a volume without cells, rays that are no power of two; what the estimator cannot do.
-    #[doc(hidden)]
-    pub fn plan(&self, pyramid: &Pyramid) -> Result<scenes::Plan> {
-        self.check_estimator()?;
-        let selection = self.selection();
-        let share = self.share_traced(pyramid, &selection)?;
-        self.plan_of(pyramid, &selection, (self.isovalues.as_deref(), share), self.settings.rays, self.hints)
-    }
-
-    /// The share of the texels that an adaptive texture traces: of 64 bricks.
-    pub(super) fn share_traced(&self, pyramid: &Pyramid, selection: &Selection) -> Result<f64> {
-        let Some(error) = self.adaptive else { return Ok(1.0) };
-        self.check_adaptive(error)?;
-        let settings = Settings { rays: RAYS, target: None, ..self.settings.clone() };
-        let bake = self.bake(pyramid, &settings, selection);
-        let tolerance = Tolerance::new(&bake, error)?;
-        let all = selection.bricks();
-        let stride = all.len().div_ceil(PILOT_BRICKS).max(1);
-        let bricks: Vec<[usize; 3]> = all.into_iter().skip(stride / 2).step_by(stride).collect();
-        share_traced(&Bake { tolerance: Some(&tolerance), ..bake }, &bricks)
-    }
-
-    fn plan_of(
-        &self,
-        pyramid: &Pyramid,
-        selection: &Selection,
-        (isovalues, traced_share): (Option<&[f64]>, f64),
-        rays: u32,
-        hints: Hints,
-    ) -> Result<scenes::Plan> {
-        let (volume, layout) = (self.volume, &self.layout);
-        let (pilot, surroundings) = match self.geometry {
-            Some(geometry) => {
-                let (pilot, surrounded) = self.plan_of_scene(geometry, pyramid, selection)?;
-                (pilot, Some(surrounded))
-            }
-            None => (self.pilot_of_volume(pyramid, selection)?, None),
-        };
-        let mut plan = scenes::plan(&scenes::PlanInput {
-            texels: layout.lattice.texels().iter().map(|&m| m as u64).product(),
-            selected: selection.len(),
-            isovalues,
-            rays,
-            bands: layout.layers.bands(),
-            albedo: hints.albedo,
-            emission: hints.emission,
-            convex: volume.is_convex() && self.geometry.is_none(),
-            effects: self.effects,
-            sun_split: hints.sun_split,
-            tolerance: TOLERANCE,
-            bytes_per_texel: bytes_of_scene_texel(&layout.layers, self.geometry),
-            traced_share,
-            pilot: &pilot,
-            surroundings: surroundings.as_ref(),
-        });
-        if self.estimator == Estimator::Gather {
-            self.plan_cache(&mut plan, rays);
-        }
-        Ok(plan)
-    }
-
-    /// What `gather` makes of a plan: its paths end where they first meet the level set, and those of the cache do not.
-    fn plan_cache(&self, plan: &mut scenes::Plan, rays: u32) {
-        let how = self.gather_settings();
-        let Some(row) = plan.effects.iter_mut().find(|row| row.name == "interreflection" && row.on) else { return };
-        row.setting += &format!(", by a cache that {} paths a texel fill", (how.passes - 1) * how.cache_rays);
-        row.reason += "; where a path meets its level set the texture says the rest, with a bias that the bake prints";
-        let cache = f64::from((how.passes - 1) * how.cache_rays) / f64::from(rays.max(1));
-        let all = 1.0 - row.cost_share + cache;
-        row.cost_share = cache;
-        plan.effects.iter_mut().for_each(|row| row.cost_share /= all);
-        plan.rays *= all;
-    }
-
-    fn pilot_of_volume(&self, pyramid: &Pyramid, selection: &Selection) -> Result<scenes::Pilot> {
-        let settings = Settings { rays: PILOT_RAYS, target: None, ..self.settings.clone() };
-        let trial = pilot(&self.bake(pyramid, &settings, selection), PILOT_TEXELS)?;
-        Ok(scenes::Pilot {
-            texels: trial.texels,
-            valid: trial.valid,
-            paths: trial.paths,
-            rays: trial.counts.rays,
-            escapes: trial.mean_escapes(),
-            lost_share: trial.lost_share(),
-            open: trial.open,
-        })
-    }
-
-    /// How the store was made. Nothing in it depends on the machine, the threads or the clock, nor on what may grow
-    /// later: isovalues, rays and errors stand with the chunks. So the plan is that of all isosurfaces at 64 rays.
-    pub(super) fn provenance(&self, pyramid: &Pyramid) -> Result<Value> {
-        let selection = Selection::of_all_isosurfaces(self.layout.lattice, self.volume);
-        let plan = self.plan_of(pyramid, &selection, (None, 1.0), 64, Hints::default())?;
-        Ok(json!({
-            "program": concat!("isolume ", env!("CARGO_PKG_VERSION")),
-            "input": self.label,
-            "plan": plan.effects,
-        }))
     }
 }
 

@@ -1,6 +1,6 @@
 //! What a scene adds to a request: its identity, what its estimator cannot do, and its plan.
 
-use super::request::{PILOT_RAYS, PILOT_TEXELS};
+use super::plan::{PILOT_RAYS, PILOT_TEXELS};
 use super::{Estimator, Request, bytes_of_texel};
 use crate::error::{Error, Result};
 use crate::level::Pyramid;
