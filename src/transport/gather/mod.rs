@@ -64,7 +64,7 @@ use ahead::width;
 use cache::cached_layers;
 use passes::Asked;
 
-/// What `gather` is asked for beyond [`Settings`], whose `rays` are those of the final gather.
+/// What `gather` is asked for beyond [`Settings`](super::Settings), whose `rays` are those of the final gather.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GatherSettings {
     /// Passes, the final gather included: at least 2.
