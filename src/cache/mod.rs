@@ -16,7 +16,7 @@ mod members;
 pub use drafts::drafts;
 pub use evict::Entry;
 pub use light::{for_light, lights};
-pub use members::MemberBakes;
+pub use members::{Look, MemberBakes};
 
 use crate::bake::{Report, Request};
 use crate::error::{Error, Result};

@@ -34,4 +34,4 @@ mod tests;
 
 pub use pack::{Coding, Options, Package, Subject, Surrounded, pack};
 pub use page::page;
-pub use store::{package_of, page_probes};
+pub use store::{package_of, page_probes, volume_shown};

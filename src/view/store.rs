@@ -102,6 +102,22 @@ impl Package {
     }
 }
 
+/// The volume of a store that the page shows: the one of this name, or the first.
+///
+/// # Errors
+/// When no volume has the name.
+pub fn volume_shown(store: Store, name: Option<&str>, note: &dyn Fn(&str)) -> Result<Store> {
+    match name {
+        Some(name) => store.of_volume(name),
+        None => {
+            if let [first, _, ..] = store.volumes()?.as_slice() {
+                note(&format!("{first}, the first volume, is shown: --volume NAME shows another"));
+            }
+            Ok(store)
+        }
+    }
+}
+
 /// The environments of the page, the first of which it begins with: those given, no light where luminaires are light enough, and
 /// those that every page has.
 ///

@@ -7,7 +7,7 @@
 // Screenshots go to target/browser/. Exit code 0: everything holds; 1: something does not, and says what.
 
 import { execFileSync, spawn } from "node:child_process";
-import { existsSync, readFileSync, statSync, writeFileSync } from "node:fs";
+import { existsSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
 import { basename, join } from "node:path";
 import { pathToFileURL } from "node:url";
 import { check, dropFile, finish, launch, out, root } from "./common.mjs";
@@ -462,6 +462,58 @@ async function watched() {
   check(loads === 3, "what it waited for is shown");
   await other.close();
   server.end();
+}
+
+await lazy();
+
+/** A volume without a store: a draft at once, then the finished texture in its place, and what was set on the page stays. */
+async function lazy() {
+  const cache = join(out, "lazy-cache");
+  rmSync(cache, { recursive: true, force: true });
+  const server = await serve("gyroid:36", "--cache", cache, "--rays", "2048", "--layers", "2");
+  const page = await open(server.address);
+  const first = await page.evaluate(() => ({ draft: window.isolume.header.draft, error: window.isolume.header.constant_error }));
+  check(first.draft === true, "a draft is shown before the bake is done");
+  await page.waitForFunction(() => /^draft · a finer texture is being baked · \d+ %/.test(document.getElementById("progress").textContent), null, { timeout: 60_000 });
+  await page.screenshot({ path: join(out, "lazy-draft.png") });
+  await drop(page, DROPPED);
+  const set = { isovalue: 0.31, azimuth: 77, elevation: 11, zoom: 1.4, rotation: 40, albedo: 0.5, colour: "magma", mode: "light", background: "black", exposure: -0.25, autoExposure: false };
+  await page.evaluate((set) => { window.marked = true; window.isolume.update(set); }, set);
+  const state = () => page.evaluate(() => {
+    const { layers, bands, powers, ...rest } = window.isolume.state;
+    return JSON.stringify({ ...rest, layers, bands, probes: document.getElementById("environment").options.length });
+  });
+  const before = await state();
+  await page.waitForFunction(() => window.isolume.header.watched === undefined, null, { timeout: 600_000 });
+  const after = await page.evaluate(() => ({
+    marked: window.marked, error: window.isolume.header.constant_error, about: document.getElementById("about").textContent,
+    progress: document.getElementById("progress").hidden, message: document.getElementById("message").hidden, texels: window.isolume.header.texture.texels[0],
+  }));
+  check(after.marked && await state() === before, "the finished texture takes its place; all that was set, and the dropped environment, stay");
+  check(after.error < 0.5 * first.error && after.texels === 36, `its error is smaller (${after.error.toExponential(1)} after ${first.error.toExponential(1)})`);
+  check(after.progress && after.message && after.about.includes("2048 rays a texel"), "nothing says draft any more");
+  await page.screenshot({ path: join(out, "lazy.png") });
+  const requests = page.requests.length;
+  // What took the place draws the same as a page that began with it.
+  const light = { ...set, environment: 0 };
+  const picture = async (page) => page.evaluate((change) => {
+    window.isolume.update({ ...change, fixedSize: [240, 180] });
+    window.isolume.draw();
+    return window.isolume.renderer.canvas.toDataURL();
+  }, light);
+  const other = await open(server.address);
+  check(await picture(page) === await picture(other), "it draws what a page draws that began with it");
+  await page.waitForTimeout(1500);
+  check(page.requests.length === requests, "and asks for nothing more");
+  await other.close();
+  await page.close();
+  server.end();
+  // What is in the cache needs no draft.
+  const again = await serve("gyroid:36", "--cache", cache, "--rays", "2048", "--layers", "2");
+  const found = await open(again.address);
+  check(await found.evaluate(() => window.isolume.header.watched === undefined), "a store of the cache is shown without a draft");
+  await found.close();
+  again.end();
 }
 
 await browser.close();

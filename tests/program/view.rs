@@ -153,6 +153,62 @@ fn a_watched_scene_is_baked_as_it_says_now() {
     assert_eq!(layers(), Some(3));
 }
 
+/// A volume that takes long is shown as a draft. What ends its bake is told on the page, which stays; after Ctrl-C the next
+/// run begins with what is there.
+#[test]
+#[cfg(unix)]
+fn a_draft_is_shown_while_the_volume_is_baked() {
+    let bench = Bench::new();
+    // Minutes, of which only the drafts are waited for.
+    const LINE: &str = "view gyroid:40 --rays 65536 --layers 2 --cache c -q";
+    let json = |address: &str, path: &str| -> serde_json::Value {
+        serde_json::from_slice(&ask(address, &format!("GET {path} HTTP/1.1\r\nHost: {address}"), b"").1).expect("JSON")
+    };
+    let (mut first, address, path) = served_by(&bench, LINE);
+    let header = json(&address, &format!("{path}header.json"));
+    assert!(header["draft"] == true && header["watched"].is_u64(), "{}", header["about"]);
+    // Half the resolution, then all of it, then the bake of what is asked.
+    let mut until = |is_so: &dyn Fn(&serde_json::Value) -> bool| loop {
+        let state = json(&address, &format!("{path}watched.json"));
+        if is_so(&state) {
+            return state;
+        }
+        assert!(first.0.try_wait().expect("its state").is_none(), "the program ended");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    };
+    until(&|state| state["revision"] == 1 && state["progress"]["all"].as_u64().is_some_and(|all| all > 0));
+    let header = json(&address, &format!("{path}header.json"));
+    assert!(header["draft"] == true && header["texture"]["texels"] == serde_json::json!([40, 40, 40]));
+    let id = first.0.id().to_string();
+    let interrupt = || std::process::Command::new("kill").args(["-INT", &id]).status().expect("kill");
+    assert!(interrupt().success());
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    // A second time, since chunks of so many rays take long.
+    interrupt();
+    assert_eq!(first.0.wait().expect("an end").code(), Some(130));
+    let (mut second, address, path) = served_by(&bench, LINE);
+    let header = json(&address, &format!("{path}header.json"));
+    assert!(header["draft"] == true && header["watched"] == 0, "{}", header["about"]);
+    assert_eq!(header["texture"]["texels"], serde_json::json!([40, 40, 40]), "the draft that was there");
+    let id = second.0.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-KILL", &id]).status().expect("kill").success());
+    let _ = second.0.wait();
+    // What goes wrong behind the draft is told, and the draft stays.
+    let (mut third, address, path) = served_by(&bench, &LINE.replace("65536", "256"));
+    assert_eq!(json(&address, &format!("{path}header.json"))["draft"], true);
+    std::fs::remove_dir_all(bench.path("c/stores-v3")).expect("a cache that can go");
+    let state = loop {
+        let state = json(&address, &format!("{path}watched.json"));
+        if !state["message"].is_null() || state["revision"] != 0 {
+            break state;
+        }
+        assert!(third.0.try_wait().expect("its state").is_none(), "the program ended");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    };
+    assert!(state["message"].is_string() && state["progress"].is_null() && state["revision"] == 0, "{state}");
+    assert!(json(&address, &format!("{path}header.json"))["draft"] == true);
+}
+
 #[test]
 fn only_who_has_the_address_may_ask() {
     let bench = baked();

@@ -16,8 +16,8 @@ use crate::probe::Probe;
 use crate::scene::{ModelName, NamedIsovalue, SceneFile, TextureSize, open_probe};
 use crate::transfer::store::{Store, check_store, is_store};
 use crate::view::page::page_in_one_file;
-use crate::view::server::{Server, Watched};
-use crate::view::{Options, Package, package_of, page_probes};
+use crate::view::server::{Coming, Server, Watched};
+use crate::view::{Options, Package, package_of, page_probes, volume_shown};
 use crate::volume::Isovalue;
 use serde_json::json;
 use std::ffi::OsString;
@@ -29,7 +29,8 @@ use std::time::Instant;
 /// Serves a page on 127.0.0.1 until Ctrl-C, for who has the address that is printed; or writes one file that opens
 /// without a network. The page needs a browser with WebGL2. Environments (.hdr, .exr; up to 64 MB and 33 million
 /// pixels) can be dropped onto it. A volume is baked first, for all its isovalues, into a store in the user's cache
-/// folder, where the next run finds it; a scene for those that it lists, as by relight.
+/// folder, where the next run finds it; where that takes more than a moment, drafts are shown meanwhile. A scene is baked for those that it
+/// lists, as by relight.
 ///
 /// In a scene each luminaire has a slider, and where there are any the environment is dark at the beginning. What
 /// walls do to the light is seen, the walls themselves are not drawn. Of several volumes one is shown, in the light of
@@ -95,6 +96,11 @@ pub(in crate::cli) struct View {
     pub(in crate::cli) again: Option<(Vec<OsString>, ViewOf)>,
 }
 
+/// Who shows a draft.
+type Shown<'a> = dyn FnMut(Package) -> Outcome + 'a;
+/// A store, the isovalue that its field or model has, and what keeps it in the cache.
+type Source = (Store, Option<f64>, Option<InUse>);
+
 /// What reads a line again, once its scene says other options.
 pub(in crate::cli) type ViewOf = fn(Vec<OsString>) -> Outcome<Box<View>>;
 
@@ -108,29 +114,41 @@ impl View {
         self.env.iter().try_for_each(|name| self.open_probe(name).map(drop))?;
         let stamp = self.scene.as_ref().and_then(SceneFile::stamp);
         let watched = if self.watch { Some(Watched::new(ModelName::asked(&self.input)?.path, stamp)) } else { None };
-        let package = self.made(seed, console)?;
-        match &self.html {
-            Some(path) => write_page(path, &package, console),
-            None => self.serve(package, watched, seed, console),
+        let mut server: Option<Server> = None;
+        let mut draft = |package| {
+            match &server {
+                Some(server) => server.take(Ok(package), Coming::Finer),
+                None => server = Some(self.serve(package, Coming::Finer, console)?),
+            }
+            console.note("a draft is on the page; the bake goes on");
+            Ok(())
+        };
+        let made = self.made(seed, &mut draft, console);
+        match (&self.html, watched, server) {
+            (Some(path), ..) => return write_page(path, &made?, console),
+            (_, Some(file), _) => self.serve(made?, Coming::Saved, console)?.watch(file, || {
+                let again = self.again.as_ref().map(|(line, parse)| parse(line.clone())).transpose();
+                let view = again.map(|view| view.as_deref().unwrap_or(self).made(seed, &mut |_| Ok(()), console));
+                or_message(view.and_then(|made| made), console)
+            })?,
+            (.., Some(server)) => {
+                server.take(or_message(made, console)?, Coming::Nothing);
+                server.wait();
+            }
+            _ => self.serve(made?, Coming::Nothing, console)?.wait(),
         }
+        Ok(())
     }
 
-    fn made(&self, seed: u64, console: &Console) -> Outcome<Package> {
-        let (store, own, _use) = self.store(seed, console)?;
-        self.package(&store, own, console)
+    /// What is shown at last; `draft` shows what is there before.
+    fn made(&self, seed: u64, draft: &mut Shown<'_>, console: &Console) -> Outcome<Package> {
+        let (store, own, _use) = self.store(seed, draft, console)?;
+        self.package(&store, own, self.partial, console)
     }
 
-    /// What a watched file has become; a message where it cannot be shown.
-    fn made_again(&self, seed: u64, console: &Console) -> Outcome<Result<Package, String>> {
-        let again = self.again.as_ref().map(|(line, parse)| parse(line.clone())).transpose();
-        match again.and_then(|view| view.as_deref().unwrap_or(self).made(seed, console)) {
-            Err(Failure::Library(stopped @ Error::Stopped { .. })) => Err(stopped.into()),
-            made => Ok(made.map_err(|failure| failure.to_string()).inspect_err(|message| console.note(message))),
-        }
-    }
-
-    /// The store of what is shown, baked where it is not in the cache, with the isovalue that its field or model has.
-    fn store(&self, seed: u64, console: &Console) -> Outcome<(Store, Option<f64>, Option<InUse>)> {
+    /// The store of what is shown, baked where it is not in the cache.
+    fn store(&self, seed: u64, draft: &mut Shown<'_>, console: &Console) -> Outcome<Source> {
+        let (of_volume, note) = (self.of_volume.as_deref(), |text: &str| console.note(text));
         if is_store(&self.input) || self.input.ends_with(".isolume") {
             check_store(&self.input)?;
             if self.all_isovalues {
@@ -138,13 +156,12 @@ impl View {
                 return Err(Error::argument("--all-isovalues", "with a store", "a scene", remedy).into());
             }
             self.volume.options().refuse_for("a store")?;
-            let store = Store::open_telling(&self.input, !self.volume.no_map, |note| console.note(note))?;
-            return Ok((self.choose(store, console)?, None, None));
+            let store = Store::open_telling(&self.input, !self.volume.no_map, note)?;
+            return Ok((volume_shown(store, of_volume, &note)?, None, None));
         }
         let mut scene = self.transfer.scene(&self.volume).open(&self.input, self.scene.as_ref())?;
-        if let Some(name) = &self.of_volume {
-            scene.member_named(name)?;
-        }
+        let shown = of_volume.map_or(Ok(0), |name| scene.member_named(name))?;
+        let own = scene.members().get(shown).and_then(|member| member.default_isovalue);
         let isovalues = self.isovalues_of_scene()?;
         let cache = ready(self.cache.as_deref())?;
         let start = Instant::now();
@@ -155,29 +172,14 @@ impl View {
         if self.watch && quality.error.is_none() {
             quality.rays.get_or_insert(16);
         }
-        let (fill, note) = (filler(start, console), |text: &str| console.note(text));
+        let fill = filler(start, console);
         let mut bakes = MemberBakes::new(&cache, &quality, self.scene.as_ref(), &fill, &note);
-        let (mut last, mut own) = (None, None);
-        for member in scene.members_mut() {
-            if self.of_volume.as_ref().map_or(last.is_none(), |name| *name == member.volume.name) {
-                own = member.default_isovalue;
-            }
-            let chosen = bakes.choose(member, &isovalues)?;
-            member.take_side(&chosen)?;
-            if chosen.is_empty() {
-                member.check_all()?;
-            }
-            let isovalues = (!chosen.is_empty()).then(|| chosen.iter().map(|c| c.value).collect());
-            let filled = bakes.bake(member, isovalues, Vec::new())?;
-            details(&filled, console);
-            last = Some(filled);
-        }
+        let has_drafts = self.html.is_none() && !self.watch;
+        let mut look = |filled: &Filled| draft(self.package(&filled.store, own, true, console)?);
+        let told = |filled: &Filled| details(filled, console);
+        let filled = bakes.bake_all(&mut scene, &isovalues, &told, (has_drafts, &mut look))?;
         cache.tidy(&note);
-        let without = || Failure::Message("a scene without volumes".into());
-        let Filled { store, in_use, .. } = last.ok_or_else(without)?;
-        // Of several volumes the last one was filled last.
-        let store = if scene.members().len() > 1 { Store::open(store.path())? } else { store };
-        Ok((self.choose(store, console)?, own, Some(in_use)))
+        Ok((volume_shown(filled.store, of_volume, &note)?, own, Some(filled.in_use)))
     }
 
     /// The isovalues that the scene lists, and the one to begin with; none where all are baked.
@@ -191,50 +193,41 @@ impl View {
         Ok(all)
     }
 
-    /// The volume of the store that is shown.
-    fn choose(&self, store: Store, console: &Console) -> Outcome<Store> {
-        match &self.of_volume {
-            Some(name) => Ok(store.of_volume(name)?),
-            None => {
-                if let [first, _, ..] = store.volumes()?.as_slice() {
-                    console.note(format!("{first}, the first volume, is shown: --volume NAME shows another"));
-                }
-                Ok(store)
-            }
-        }
-    }
-
     /// Opens an environment; an error names the line of the scene that it stands in.
     fn open_probe(&self, name: &str) -> Result<Probe, Error> {
         let in_scene = |error| self.scene.iter().fold(error, |error, file| file.at_environment(name, error));
         open_probe(name, false, None).map_err(in_scene)
     }
 
-    fn package(&self, store: &Store, own: Option<f64>, console: &Console) -> Outcome<Package> {
+    fn package(&self, store: &Store, own: Option<f64>, partial: bool, console: &Console) -> Outcome<Package> {
         let given = self.env.iter().map(|name| self.open_probe(name)).collect::<Result<Vec<_>, _>>()?;
         let probes = page_probes(given, store)?;
         let options = Options::new(self.html.is_some(), self.texture_side, self.volume_side);
         let rotation = self.scene.as_ref().and_then(|file| file.description.probe.as_ref()?.rotation);
-        let package =
-            package_of(store, &probes, ((self.isovalue, own), rotation.unwrap_or(0.0), self.partial), &options)?;
+        let package = package_of(store, &probes, ((self.isovalue, own), rotation.unwrap_or(0.0), partial), &options)?;
         console.note(format!("{}: {}", self.input, package.describe(store, &options)));
         Ok(package)
     }
 
-    fn serve(&self, package: Package, watched: Option<Watched>, seed: u64, console: &Console) -> Outcome {
-        let server = Server::new(self.port, package, watched.is_some())?;
-        let address = server.address()?;
+    fn serve(&self, package: Package, coming: Coming, console: &Console) -> Outcome<Server> {
+        let server = Server::new(self.port, package, coming)?;
+        let address = server.address();
         console.print(format!("{address}  (Ctrl-C ends it)"));
         console.print_json(&json!({ "address": address }));
         console.finish()?;
         if self.open {
-            open_browser(&address, console);
+            open_browser(address, console);
         }
-        match watched {
-            Some(file) => server.watch(file, || self.made_again(seed, console))?,
-            None => server.run(),
-        }
-        Ok(())
+        console.tell_progress(server.listener());
+        Ok(server)
+    }
+}
+
+/// A message in the place of an error, but where the user wants to stop.
+fn or_message(made: Outcome<Package>, console: &Console) -> Outcome<Result<Package, String>> {
+    match made {
+        Err(Failure::Library(stopped @ Error::Stopped { .. })) => Err(stopped.into()),
+        made => Ok(made.map_err(|failure| failure.to_string()).inspect_err(|message| console.note(message))),
     }
 }
 

@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io;
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Standard output and standard error as the common options ask for them. A pipe that nobody reads any more (`… | head`) is
@@ -22,11 +22,14 @@ pub(crate) struct Console {
     /// Whether a result for machines was printed.
     told: AtomicBool,
     verbose: bool,
+    /// Who hears besides how many of so many texels a bake has done.
+    heard: OnceLock<Box<dyn Fn(u64, u64) + Send + Sync>>,
 }
 
 impl Console {
     pub(crate) fn new(json: bool, quiet: bool) -> Self {
-        Self { json, quiet, verbose: false, failed: Mutex::new(None), told: AtomicBool::new(false) }
+        let (failed, told) = (Mutex::new(None), AtomicBool::new(false));
+        Self { json, quiet, verbose: false, failed, told, heard: OnceLock::new() }
     }
 
     /// The same with details, if they are wanted.
@@ -114,6 +117,11 @@ impl Console {
         }
     }
 
+    /// From now on somebody hears how far bakes are.
+    pub(in crate::cli) fn tell_progress(&self, heard: impl Fn(u64, u64) + Send + Sync + 'static) {
+        let _ = self.heard.set(Box::new(heard));
+    }
+
     /// Guards the work that follows against requests to stop.
     pub(in crate::cli) fn guard(&self) -> signals::Guard {
         signals::Guard::new(self.quiet)
@@ -146,9 +154,11 @@ impl Console {
                     if interrupts() >= most_interrupts {
                         progress.cancel.store(true, Ordering::Relaxed);
                     }
-                    bar.set_position(
-                        progress.texels.load(Ordering::Relaxed) + progress.photons.load(Ordering::Relaxed),
-                    );
+                    let done = progress.texels.load(Ordering::Relaxed) + progress.photons.load(Ordering::Relaxed);
+                    bar.set_position(done);
+                    if let Some(heard) = self.heard.get() {
+                        heard(done, items);
+                    }
                     let rays = progress.rays.load(Ordering::Relaxed) as f64;
                     bar.set_message(text::rate(rays, start.elapsed()));
                     std::thread::park_timeout(Duration::from_millis(150));

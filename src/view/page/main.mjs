@@ -22,7 +22,7 @@ const VIEWS = {
 const IDLE = 160, SMOOTH = 45, PATIENT = 2500;
 // Rays along a pixel's side at silhouettes, and rows that a slow GPU refines at a time.
 const FINE = 4, ROWS = 24;
-// Pause between looks at a watched file, in milliseconds.
+// Pause between looks at what is to come, in milliseconds.
 const WATCH = 500;
 
 const state = {
@@ -30,7 +30,7 @@ const state = {
   albedo: 0.7, emission: 0, strength: 1, powers: [], colour: "", mode: "light", background: "theme", layers: [], bands: [], fixedSize: null,
 };
 let header, data, renderer, probes = [];
-let begun = null; // the state that the page began with, of a watched file
+let begun = null; // the state that the page began with, where another may come
 let lightIsStale = true, exposureIsStale = true, isExposed = false, refinement = 0, frameIsDue = false, idleTimer = 0, scale = 1, coarse = false;
 
 /** Changes the state and lets a frame follow. */
@@ -413,6 +413,12 @@ function clampIsovalue(value) {
   return Math.min(high, Math.max(low, value));
 }
 
+/** What the program says of the data. */
+function showAbout() {
+  const element = (tag, textContent) => Object.assign(document.createElement(tag), { textContent });
+  $("about").replaceChildren(...header.about.flatMap(([term, text]) => [element("dt", term), element("dd", text)]));
+}
+
 /** How often values occur, on a logarithmic scale. */
 function showHistogram() {
   const { range, quantiles } = header.volume;
@@ -453,10 +459,7 @@ function connectControls() {
   $("colour").add(new Option("grey", ""));
   Object.keys(header.colormaps).forEach((name) => $("colour").add(new Option(name, name)));
   Object.entries(VIEWS).forEach(([mode, [name]]) => $("mode").add(new Option(name, mode)));
-  for (const [term, text] of header.about) {
-    $("about").append(Object.assign(document.createElement("dt"), { textContent: term }));
-    $("about").append(Object.assign(document.createElement("dd"), { textContent: text }));
-  }
+  showAbout();
   const on = (id, event, act) => $(id).addEventListener(event, act);
   on("isovalue", "input", (e) => update({ isovalue: isovalueFromSlider(Number(e.target.value)) }));
   on("isovalueNumber", "change", (e) => {
@@ -641,18 +644,57 @@ function takeState({ env, colormap, camera, ...rest }) {
   update(change);
 }
 
-/** Asks now and then whether a watched file was saved: shows what it has become from the same side, or why it cannot be shown. */
+/** Asks now and then whether there is another version of what is shown: a finer texture, or what a saved file has become. Tells how far
+ * it is, or why there will be none. */
 async function watch(told = null) {
   let message;
   try {
     const answer = await (await request("watched.json")).json();
-    if (answer.revision !== header.watched) return showAgain();
-    message = answer.message;
+    if (answer.revision !== header.watched) {
+      if (!header.draft || !renderer) return showAgain();
+      await takeFiner();
+    } else {
+      message = answer.message;
+      showProgress(answer);
+    }
   } catch (error) {
     message = `the program does not answer: ${error.message}`; // it may again
+    showProgress({ message });
   }
   if (message !== told) say(message ?? "");
-  setTimeout(() => watch(message), WATCH);
+  if (header.watched !== undefined) setTimeout(() => watch(message), WATCH);
+}
+
+/** Takes a finer texture of the same volume in the place of a draft: everything that was set on the page stays. */
+async function takeFiner() {
+  const finer = await loadPackage();
+  const length = Math.max(...Object.values(finer.header.sections).map(([offset, bytes]) => offset + bytes));
+  if (finer.payload.byteLength !== length) return; // header and payload are of two versions: the next look finds the later one
+  try {
+    renderer.takeTransfer(finer);
+  } catch {
+    return showAgain(); // too large for the GPU: the page says so when it begins
+  }
+  header = finer.header;
+  header.probes.forEach((probe, i) => { probes[i].relativeError = probe.relative_error; });
+  showAbout();
+  showProgress({});
+  update({ layers: state.layers });
+}
+
+/** Says that this is a draft, and how far the bake is of what comes. */
+function showProgress({ progress, message }) {
+  const parts = header.draft ? ["draft"] : [];
+  if (header.draft && !message) parts.push("a finer texture is being baked");
+  else if (progress) parts.push("what was saved is being baked");
+  if (progress?.all > 0) {
+    const share = progress.done / progress.all;
+    const left = share > 0 ? progress.seconds * (1 / share - 1) : NaN;
+    parts.push(`${Math.floor(100 * share)} %`);
+    if (progress.seconds > 2 && Number.isFinite(left)) parts.push(left < 90 ? `${Math.ceil(left)} s left` : `${Math.ceil(left / 60)} min left`);
+  }
+  $("progress").textContent = parts.join(" · ");
+  $("progress").hidden = parts.length === 0;
 }
 
 /** Loads the page anew. What was changed on it stays; the rest is what the file says now. */
@@ -665,7 +707,7 @@ function showAgain() {
   location.reload();
 }
 
-/** What was changed before a watched file was saved. */
+/** What was changed before the page was loaded anew. */
 function takeStateBefore() {
   const before = sessionStorage.getItem(location.pathname);
   sessionStorage.removeItem(location.pathname);
@@ -702,11 +744,13 @@ async function start() {
   if (header.watched !== undefined) {
     begun = sharedState();
     takeStateBefore();
+    showProgress({});
     watch();
   }
   // For tests and for the curious.
   window.isolume = {
-    state, update, counters, header, renderer, view, measure, openFile, coefficientsInWorld, setTheme,
+    get header() { return header; },
+    state, update, counters, renderer, view, measure, openFile, coefficientsInWorld, setTheme,
     /** Draws at once, at full quality. */
     draw() { coarse = false; drawFrame(); },
   };
@@ -716,7 +760,7 @@ start().catch((error) => {
   say(error.message);
   $("shown").textContent = "";
   host?.tell("failed", { reason: error.message });
-  // The next version of a watched file may do; so it is where header and payload are of two versions.
+  // The next version may do; so it is where header and payload are of two versions.
   if (header?.watched !== undefined) watch();
   throw error;
 });

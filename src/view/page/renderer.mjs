@@ -19,6 +19,7 @@ export class Renderer {
     this.header = data.header;
     this.placement = new Placement(data.header.volume);
     this.norm = 1;
+    this.held = []; // textures by their unit
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     this.uploadVolume(data);
     this.uploadTransfer(data);
@@ -53,7 +54,9 @@ export class Renderer {
   texture(unit, target, filter) {
     const { gl } = this;
     gl.activeTexture(gl.TEXTURE0 + unit);
+    if (this.held[unit]) gl.deleteTexture(this.held[unit]);
     const texture = gl.createTexture();
+    this.held[unit] = texture;
     gl.bindTexture(target, texture);
     gl.texParameteri(target, gl.TEXTURE_MIN_FILTER, filter);
     gl.texParameteri(target, gl.TEXTURE_MAG_FILTER, filter);
@@ -81,6 +84,13 @@ export class Renderer {
     const [one, two, type] = isByte ? [gl.R8, gl.RG8, gl.UNSIGNED_BYTE] : [gl.R16F, gl.RG16F, gl.HALF_FLOAT];
     this.upload3D(UNIT.samples, gl.LINEAR, one, gl.RED, type, samples, section(data, "samples", Type));
     this.upload3D(UNIT.ranges, gl.NEAREST, two, gl.RG, type, blocks, section(data, "ranges", Type));
+  }
+
+  /** Takes another texture of the same volume, with the same bands; contract it next. */
+  takeTransfer(data) {
+    this.header = data.header;
+    this.uploadTransfer(data);
+    this.setConstants();
   }
 
   uploadTransfer(data) {
@@ -136,8 +146,7 @@ export class Renderer {
   /** Shows a small lat-long picture (half floats) behind the surface. */
   setSky(width, height, halves) {
     const { gl } = this;
-    if (this.sky) gl.deleteTexture(this.sky);
-    this.sky = this.texture(UNIT.sky, gl.TEXTURE_2D, gl.LINEAR);
+    this.texture(UNIT.sky, gl.TEXTURE_2D, gl.LINEAR);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.REPEAT);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB16F, width, height, 0, gl.RGB, gl.HALF_FLOAT, halves);
   }

@@ -4,8 +4,8 @@
 //! other hosts and pages of other origins are refused besides. What a connection may take is bounded: a handler of its
 //! own, of which there are at most 32, times, sizes, and one image decoded at a time.
 //!
-//! The only module of the library besides the command line that reads the clock, for these times; no number that is
-//! served depends on it.
+//! The only module of the library besides the command line that reads the clock, for these times and for how long a bake has gone on
+//! whose draft is shown; no other number that is served depends on it.
 
 mod http;
 
@@ -19,6 +19,7 @@ use std::net::{Shutdown, TcpListener, TcpStream};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Connections that are served at a time; more are turned away.
@@ -39,10 +40,11 @@ const UPLOAD: Duration = Duration::from_secs(120);
 const DRAINED: u64 = 1 << 20;
 const DRAINING: Duration = Duration::from_secs(1);
 
-/// A server that listens, but does not answer yet.
+/// A server that answers, in a thread of its own: the page, its data, and environments that the page sends to be decoded.
 pub struct Server {
-    listener: TcpListener,
+    address: String,
     site: Arc<Site>,
+    answering: JoinHandle<()>,
 }
 
 struct Site {
@@ -56,24 +58,60 @@ struct Site {
     decoding: Mutex<()>,
 }
 
-/// What the page shows: another once a watched file was saved.
+/// What will take the place of what the page shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Coming {
+    /// Nothing.
+    Nothing,
+    /// What a watched file becomes when it is saved: the page loads itself again.
+    Saved,
+    /// A finer texture of the same volume: the page takes it as it stands.
+    Finer,
+}
+
+/// What the page shows.
 struct Content {
     header: Arc<String>,
     payload: Arc<Vec<u8>>,
-    /// How often it was made anew; `None` where nothing is watched.
-    revision: Option<u32>,
-    /// Why the file as it stands cannot be shown.
+    /// How often it was made anew.
+    revision: u32,
+    /// Why what was to come cannot be shown.
     message: Option<String>,
+    baking: Option<Baking>,
+}
+
+/// How far the bake is of what will come.
+struct Baking {
+    done: u64,
+    all: u64,
+    since: Instant,
 }
 
 impl Content {
-    fn new(mut package: Package, revision: Option<u32>) -> Self {
-        if revision.is_some() {
+    fn new(mut package: Package, revision: u32, coming: Coming) -> Self {
+        if coming != Coming::Nothing {
             // The page asks for changes then.
             package.header["watched"] = revision.into();
+            package.header["draft"] = (coming == Coming::Finer).into();
         }
         let (header, payload) = (Arc::new(package.header.to_string()), Arc::new(package.payload));
-        Self { header, payload, revision, message: None }
+        Self { header, payload, revision, message: None, baking: None }
+    }
+
+    /// What the page is told of what will come.
+    fn state(&self) -> serde_json::Value {
+        let progress = self.baking.as_ref().map(|baking| {
+            serde_json::json!({ "done": baking.done, "all": baking.all, "seconds": baking.since.elapsed().as_secs_f64() })
+        });
+        serde_json::json!({ "revision": self.revision, "message": self.message, "progress": progress })
+    }
+
+    fn hear(&mut self, done: u64, all: u64) {
+        match &mut self.baking {
+            Some(baking) if baking.all == all && baking.done <= done => baking.done = done,
+            // Another part of the bake.
+            other => *other = Some(Baking { done, all, since: Instant::now() }),
+        }
     }
 }
 
@@ -127,12 +165,11 @@ fn random() -> Result<String, Error> {
 }
 
 impl Server {
-    /// Listens on this machine, for who will ask for the page with this package; port 0 is any that is free. `is_watched`: whether
-    /// it will show others ([`Self::watch`]).
+    /// Serves a page with this package on this machine; port 0 is any that is free.
     ///
     /// # Errors
-    /// When the port is taken, or the system has no random numbers.
-    pub fn new(port: u16, package: Package, is_watched: bool) -> Result<Self, Error> {
+    /// When the port is taken, or the system has no random numbers or no thread.
+    pub fn new(port: u16, package: Package, coming: Coming) -> Result<Self, Error> {
         let remedy = "give another --port";
         let taken = |e: io::Error| Error::argument("--port", format!("{port}: {e}"), "a port that is free", remedy);
         let listener = TcpListener::bind(("127.0.0.1", port)).map_err(taken)?;
@@ -143,63 +180,80 @@ impl Server {
         );
         let script = "<script type=\"module\"";
         let document = page().replace(script, &format!("{script} nonce=\"{nonce}\""));
-        let site = Site {
+        let place = listener.local_addr().map_err(|e| Error::io("", "listen", e))?;
+        let address = format!("http://{place}/{token}/");
+        let site = Arc::new(Site {
             token,
             policy,
             document,
-            content: RwLock::new(Content::new(package, is_watched.then_some(0))),
+            content: RwLock::new(Content::new(package, 0, coming)),
             connections: Arc::default(),
             uploads: Arc::default(),
             decoding: Mutex::new(()),
-        };
-        Ok(Self { listener, site: Arc::new(site) })
+        });
+        let answering = std::thread::Builder::new().name("server".into()).spawn({
+            let site = Arc::clone(&site);
+            move || site.run(&listener)
+        });
+        let answering = answering.map_err(|e| Error::io("", "start a thread", e))?;
+        Ok(Self { address, site, answering })
     }
 
     /// What to open in a browser: `http://127.0.0.1:PORT/TOKEN/`.
-    ///
-    /// # Errors
-    /// When the system does not say where it listens.
-    pub fn address(&self) -> Result<String, Error> {
-        let address = self.listener.local_addr().map_err(|e| Error::io("", "listen", e))?;
-        Ok(format!("http://{address}/{}/", self.site.token))
+    pub fn address(&self) -> &str {
+        &self.address
     }
 
-    /// Answers, and shows what a file has become whenever it is saved: `remake` makes the package of it, or says why it cannot; then
-    /// what was shown stays, with that message on the page.
+    /// Shows what has been made, or says why it cannot be shown: then what was shown stays, with that message on the page.
+    pub fn take(&self, made: Result<Package, String>, coming: Coming) {
+        self.site.change(|content| match made {
+            Ok(package) => *content = Content::new(package, content.revision + 1, coming),
+            Err(message) => (content.message, content.baking) = (Some(message), None),
+        });
+    }
+
+    /// Whom to tell how many of so many texels are baked of what will come; the page says so.
+    pub fn listener(&self) -> impl Fn(u64, u64) + Send + Sync + 'static {
+        let site = Arc::clone(&self.site);
+        move |done, all| site.change(|content| content.hear(done, all))
+    }
+
+    /// Shows what a file has become whenever it is saved, for ever: `remake` makes the package of it, or says why it cannot.
     ///
     /// # Errors
-    /// The first outer error of `remake`; when the system has no thread.
-    pub fn watch<E: From<Error>>(
+    /// The first outer error of `remake`.
+    pub fn watch<E>(
         self,
         mut file: Watched,
         mut remake: impl FnMut() -> Result<Result<Package, String>, E>,
     ) -> Result<(), E> {
-        let site = Arc::clone(&self.site);
-        let answering = std::thread::Builder::new().name("server".into());
-        answering.spawn(move || self.run()).map_err(|e| Error::io("", "start a thread", e))?;
         loop {
             file.wait();
-            let made = remake()?;
-            site.change(|content| match made {
-                Ok(package) => *content = Content::new(package, content.revision.map(|n| n + 1)),
-                Err(message) => content.message = Some(message),
-            });
+            self.take(remake()?, Coming::Saved);
         }
     }
 
-    /// Answers, for ever: the page, its data, and environments that it sends to be decoded.
-    pub fn run(&self) {
-        for stream in self.listener.incoming() {
+    /// Answers, for ever.
+    pub fn wait(self) {
+        // A bug that ended the thread has been told by it.
+        let _ = self.answering.join();
+    }
+}
+
+impl Site {
+    /// Answers, for ever.
+    fn run(self: &Arc<Self>, listener: &TcpListener) {
+        for stream in listener.incoming() {
             let Ok(stream) = stream else {
                 // Too many open files, say: the next one may find room.
                 std::thread::sleep(Duration::from_millis(50));
                 continue;
             };
-            let Some(slot) = Slot::take(&self.site.connections, MOST_CONNECTIONS) else {
-                let _ = self.site.turn_away(&stream);
+            let Some(slot) = Slot::take(&self.connections, MOST_CONNECTIONS) else {
+                let _ = self.turn_away(&stream);
                 continue;
             };
-            let site = Arc::clone(&self.site);
+            let site = Arc::clone(self);
             let handler = std::thread::Builder::new().name("connection".into());
             // A browser that went away, and a system without threads, are no reasons to end.
             let _ = handler.spawn(move || {
@@ -208,9 +262,7 @@ impl Server {
             });
         }
     }
-}
 
-impl Site {
     fn serve(&self, stream: &TcpStream) -> io::Result<()> {
         stream.set_write_timeout(Some(PATIENCE))?;
         let mut timed = Timed { stream, until: Instant::now() + PATIENCE, at_once: PATIENCE };
@@ -231,8 +283,7 @@ impl Site {
         let page = self.check(head)?;
         let (header, payload, state) = {
             let content = self.content.read().unwrap_or_else(PoisonError::into_inner);
-            let state = serde_json::json!({ "revision": content.revision, "message": content.message });
-            (Arc::clone(&content.header), Arc::clone(&content.payload), state.to_string())
+            (Arc::clone(&content.header), Arc::clone(&content.payload), content.state().to_string())
         };
         let (kind, body): (_, &[u8]) = match (head.method.as_str(), page) {
             ("GET" | "HEAD", "") => ("text/html; charset=utf-8", self.document.as_bytes()),
