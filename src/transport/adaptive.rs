@@ -3,7 +3,7 @@
 //! Texels of the largest stride ([`crate::transfer::strides`]) are traced everywhere. Then, brick by brick, those of the last stride
 //! are compared with the mean of their parents, as a reader would fill them in, and the texels of half the stride are traced
 //! where the difference, less what its noise accounts for, says that their own prediction would be off by more than the error
-//! asked for. Errors are root mean squares over a brick of X_k = 0.7^(k+1) T_k, relative to that over all texels.
+//! asked for: the difference times how it fell from the stride before. Errors are root mean squares over a brick of X_k = 0.7^(k+1) T_k, relative to that over all texels.
 //!
 //! What a brick gets follows from its own cells alone, so that chunks may be baked in any order, by any number of processes. Texels on the
 //! far faces of a chunk belong to the next one and are traced twice.
@@ -21,9 +21,10 @@ use crate::transfer::{BRICK, BRICK_TEXELS, Brick, Layers};
 use rayon::prelude::*;
 use std::sync::atomic::Ordering;
 
-/// Of the difference between the texels of a stride and their prediction, the part by which those of half the stride differ from
-/// theirs: a quarter where transfer is smooth (the error of a mean is of second order), half or more across edges of shadow.
-const FINER: f64 = 0.25;
+/// Least part of the difference between the texels of a stride and their prediction by which those of half the stride are taken to differ
+/// from theirs: where transfer is smooth the error of a mean is of second order. Across edges of shadow it is of first, and in
+/// noise of none: how the last two strides compare tells, up to 1.
+const SMOOTH: f64 = 0.25;
 
 /// Texels that tell how large transfer is, and their paths.
 const SCALE_TEXELS: u64 = 1024;
@@ -193,15 +194,24 @@ impl<'a> Region<'a> {
     ) {
         let lattice = &bake.layout.lattice;
         let (mut refined, mut stride) = (bricks, COARSEST);
+        // The differences of the stride before, one a group.
+        let mut before = vec![vec![0.0; self.groups.len()]; Bricks::BITS as usize];
         while refined != 0 {
             self.trace(estimator, bake, stride, refined, progress, total);
             if stride == 1 || progress.cancel.load(Ordering::Relaxed) {
                 break;
             }
             let slots: Vec<usize> = (0..Bricks::BITS as usize).filter(|slot| refined >> slot & 1 == 1).collect();
-            let needs = |&slot: &usize| self.needs(bake, lattice.brick_in_chunk(self.chunk, slot), stride, tolerance);
-            let needed: Vec<bool> = slots.par_iter().map(needs).collect();
-            refined = slots.iter().zip(needed).filter(|(_, is)| *is).fold(0, |all, (slot, _)| all | 1 << slot);
+            let needs = |&slot: &usize| {
+                let brick = lattice.brick_in_chunk(self.chunk, slot);
+                self.needs(bake, brick, stride, &before[slot], tolerance)
+            };
+            let found: Vec<(bool, Vec<f64>)> = slots.par_iter().map(needs).collect();
+            refined = 0;
+            for (slot, (is_needed, differences)) in slots.into_iter().zip(found) {
+                refined |= Bricks::from(is_needed) << slot;
+                before[slot] = differences;
+            }
             stride /= 2;
         }
     }
@@ -269,8 +279,16 @@ impl<'a> Region<'a> {
         }
     }
 
-    /// Whether the texels of half a stride are needed in a brick, whose texels down to this stride were traced.
-    fn needs(&self, bake: &Bake<'_>, brick: [usize; 3], stride: usize, tolerance: &Tolerance) -> bool {
+    /// Whether the texels of half a stride are needed in a brick, whose texels down to this stride were traced; with the differences of
+    /// this stride, one a group, where those `before` are of the last.
+    fn needs(
+        &self,
+        bake: &Bake<'_>,
+        brick: [usize; 3],
+        stride: usize,
+        before: &[f64],
+        tolerance: &Tolerance,
+    ) -> (bool, Vec<f64>) {
         let lattice = &bake.layout.lattice;
         let m = lattice.texels();
         let closed = |step: usize| {
@@ -281,9 +299,6 @@ impl<'a> Region<'a> {
                 sy.clone().flat_map(move |y| sx.clone().map(move |x| [x, y, z]))
             })
         };
-        if self.has_holes(bake, brick, stride) {
-            return true;
-        }
         let mut compared = Compared::new(self.groups.len());
         let mut buffers = (Mean::default(), Mean::default());
         for texel in closed(stride) {
@@ -293,11 +308,17 @@ impl<'a> Region<'a> {
                 self.compare(texel, &parents, &mut buffers, &mut compared);
             }
         }
-        match compared.texels {
-            // Where nothing can be compared, something finer can.
-            0 => true,
-            _ => (0..self.groups.len()).any(|g| compared.exceeds(g, tolerance.of_groups[g] / FINER)),
-        }
+        let differences: Vec<f64> = (0..self.groups.len()).map(|g| compared.difference(g)).collect();
+        let exceeds = |g: usize| {
+            let fell = if before[g] > 0.0 { (differences[g] / before[g]).clamp(SMOOTH, 1.0) } else { 1.0 };
+            differences[g] * fell > tolerance.of_groups[g]
+        };
+        // Where nothing can be compared, something finer can; and what lies behind the last texel of a stride, where the lattice
+        // ends, is compared with nothing.
+        let is_cut = (0..3).any(|a| (brick[a] + 1) * BRICK >= m[a] && brick[a] * BRICK + 1 < m[a]);
+        let is_blind = compared.texels == 0 || is_cut || self.has_holes(bake, brick, stride);
+        let is_needed = is_blind || (0..self.groups.len()).any(exceeds);
+        (is_needed, differences)
     }
 
     /// Whether some selected texel of a brick, left out, would have no value.
@@ -379,11 +400,11 @@ impl Compared {
         Self { texels: 0, squares: vec![0.0; groups], noise: vec![0.0; groups], entries: vec![0; groups] }
     }
 
-    /// Whether the root mean square of a difference without its noise is above a limit, and the difference above what noise makes of it
-    /// in 98 of 100 bricks: the mean of n squares has a relative deviation of √(2/n).
-    fn exceeds(&self, group: usize, limit: f64) -> bool {
+    /// The root mean square of a difference without its noise; 0 where noise makes as much of it in 2 of 100 bricks: the mean of n squares has
+    /// a relative deviation of √(2/n).
+    fn difference(&self, group: usize) -> f64 {
         let (squares, noise) = (self.squares[group], self.noise[group]);
         let certain = 1.0 + 2.0 * (2.0 / self.entries[group].max(1) as f64).sqrt();
-        squares > certain * noise && (squares - noise) / self.texels as f64 > limit * limit
+        if squares > certain * noise { ((squares - noise) / self.texels as f64).sqrt() } else { 0.0 }
     }
 }
