@@ -4,6 +4,7 @@ use super::{Estimator, ForLight, Goal, Hints, Request, layout_of_scene};
 use crate::error::{Error, Result};
 use crate::scene::geometry::Geometry;
 use crate::scene::{Effects, Member, SceneFile, TextureSize};
+use crate::transfer::strides::COARSEST;
 use crate::transfer::{Lattice, Layers, Layout};
 use crate::transport::Settings;
 use crate::volume::Volume;
@@ -48,7 +49,13 @@ pub struct Quality {
 /// As [`Lattice::from_ratio`] and [`Lattice::from_texels`].
 pub fn lattice_of(volume: &Volume, texture: TextureSize) -> Result<Lattice> {
     match texture {
-        TextureSize::Ratio(ratio) | TextureSize::Adaptive { ratio, .. } => Lattice::from_ratio(volume.dims(), ratio),
+        TextureSize::Ratio(ratio) => Lattice::from_ratio(volume.dims(), ratio),
+        TextureSize::Adaptive { ratio, .. } => {
+            // The last texel is one of the largest stride: before it nothing lacks a parent.
+            let texels = Lattice::from_ratio(volume.dims(), ratio)?.texels();
+            let whole = |m: usize| if m == 1 { 1 } else { (m - 1).next_multiple_of(COARSEST) + 1 };
+            Lattice::from_texels(volume.dims(), texels.map(whole))
+        }
         TextureSize::Texels(texels) => Lattice::from_texels(volume.dims(), texels.map(|n| n as usize)),
     }
 }

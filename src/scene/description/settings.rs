@@ -20,7 +20,7 @@ pub enum TextureSize {
     Ratio(f64),
     /// Texels along x, y, z.
     Texels([u64; 3]),
-    /// So many texels to a sample at most: those are left out that can be interpolated with this error, relative to the root mean square
+    /// So many texels to a sample at most, rounded up so that intervals are a multiple of 8: those are left out that can be interpolated with this error, relative to the root mean square
     /// of the transfer.
     Adaptive {
         /// Between 0 and 1.
